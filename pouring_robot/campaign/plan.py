@@ -43,7 +43,7 @@ class PosePlan:
     @property
     def rows(self) -> FloatArray:
         """The commands as numbers, (n, k), in m and rad."""
-        return np.array([(*p.position_m, p.tilt_rad) if isinstance(p, PlatformPose) else p for p in self.poses])
+        return np.array([p.values if isinstance(p, PlatformPose) else p for p in self.poses])
 
     def given(self, robot: RobotDefinition) -> dict[str, FloatArray | tuple[str, ...]]:
         """Return the conditions by heading in internal units, and the sessions where there are several."""

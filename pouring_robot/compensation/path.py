@@ -41,8 +41,8 @@ from pouring_robot.robot.inverse import REACHED, limited, settled
 from pouring_robot.robot.location import OUT_OF_REACH, as_poses
 from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
 from pouring_robot.robot.pouring.names import DRIVE_COLUMNS
+from pouring_robot.robot.pouring.platform_pose import POSE_COLUMNS
 from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmPath, strains_along
-from pouring_robot.thermal.network.history import POSE_COLUMNS
 
 NOT_FOUND = "not found"
 POINTS = (5, 5, 7, 8)

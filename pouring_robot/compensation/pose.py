@@ -39,7 +39,6 @@ from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmRobot, WarmState
-from pouring_robot.thermal.network.history import POSE_COLUMNS
 
 # Drives and commands have 12 decimals so that a reader gets back what was solved.
 _FORMATS = {"wanted": "{:.12g}", "command": "{:.12f}"} | dict.fromkeys(DRIVE_COLUMNS, "{:.12f}")
@@ -86,10 +85,10 @@ class Compensation(Result):
         roll, yaw = self.uncontrolled_rad
         *lengths, angle = DRIVE_COLUMNS
         return {
-            **{f"wanted_{name}": value for name, value in zip(POSE_COLUMNS, self.wanted.to_mm_deg(), strict=True)},
+            **{f"wanted_{name}": value for name, value in self.wanted.figures().items()},
             **{f"{name}_mm": value / MM for name, value in zip(lengths, lengths_m, strict=True)},
             f"{angle}_rad": tilt_drive,
-            **{f"command_{name}": value for name, value in zip(POSE_COLUMNS, self.command.to_mm_deg(), strict=True)},
+            **{f"command_{name}": value for name, value in self.command.figures().items()},
             "before_mm": self.before.distance_m / MM,
             "left_mm": self.left.distance_m / MM,
             "left_tilt_mrad": self.left_tilt_rad / MRAD,
@@ -106,10 +105,10 @@ class Compensation(Result):
         roll, yaw = self.uncontrolled_rad
         result = self.state.result
         return {
-            "wanted": dict(zip(POSE_COLUMNS, self.wanted.to_mm_deg(), strict=True)),
+            "wanted": self.wanted.figures(),
             "frame": self.frame,
             "drives": joint_figures(result.mechanism, self.drives),
-            "command": dict(zip(POSE_COLUMNS, self.command.to_mm_deg(), strict=True)),
+            "command": self.command.figures(),
             "before": difference_figures(self.before),
             "left": difference_figures(self.left) | {"tilt_mrad": self.left_tilt_rad / MRAD},
             "left_at_lip": difference_figures(self.left_at_lip),

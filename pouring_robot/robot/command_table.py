@@ -12,10 +12,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_matrices
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.inverse import Target
-from pouring_robot.robot.pouring.platform_pose import PlatformPose
-
-PLATFORM_POSE = (*(Quantity(name, "length") for name in "xyz"), Quantity("tilt", "angle"))
-"""The numbers of a platform's pose in a table, each in a column of any unit of its kind."""
+from pouring_robot.robot.pouring.platform_pose import PLATFORM_POSE, POSE_COLUMNS, PlatformPose
 
 
 def read_poses(path: Path | str) -> list[PlatformPose]:
@@ -32,7 +29,7 @@ def read_pose_lines(
     file cannot be read, another column stands in it, such as one of ``drives``, or one is missing, or a cell is no
     finite number.
     """
-    wanted = "x_mm, y_mm, z_mm, tilt_deg"
+    wanted = ", ".join(POSE_COLUMNS)
     table = read_table(path, wanted)
     driven = {heading for drive in drives for heading in drive.headings}.intersection(table.headings)
     if driven:
@@ -42,7 +39,7 @@ def read_pose_lines(
     columns = [whole_column(table, quantity)[1].tolist() for quantity in PLATFORM_POSE]
     if not len(table):
         raise TableError(path, "holds no pose below its header line")
-    poses = (PlatformPose((x, y, z), tilt) for x, y, z, tilt in zip(*columns, strict=True))
+    poses = map(PlatformPose.of_values, zip(*columns, strict=True))
     return dict(zip(table.lines.tolist(), poses, strict=True))
 
 

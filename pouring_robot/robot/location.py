@@ -149,7 +149,7 @@ def as_poses(poses: Any) -> FloatArray:
     """Return poses (n, 4): x, y, z in m, tilt in rad; raises BadInputError for other shapes and NaN."""
     demand = "poses must be finite numbers of the shape (n, 4): x, y, z in m and the tilt in rad"
     if isinstance(poses, Sequence) or getattr(poses, "dtype", None) == np.dtype(object):
-        poses = [(*pose.position_m, pose.tilt_rad) if isinstance(pose, PlatformPose) else pose for pose in poses]
+        poses = [pose.values if isinstance(pose, PlatformPose) else pose for pose in poses]
     return finite(poses, (None, 4), demand)
 
 

@@ -58,9 +58,8 @@ def location_figures(location: Location, dexterity: Dexterity, weakness: AxisWea
     """
     actual, figures = location.actual, Figures()
     if isinstance(location, LadleLocation):  # of a robot that is commanded by poses
-        x, y, z, tilt = location.commanded.to_mm_deg()
         figures |= {
-            "commanded": {"x_mm": x, "y_mm": y, "z_mm": z, "tilt_deg": tilt},
+            "commanded": location.commanded.figures(),
             "in_workspace": location.in_workspace,
             "outside_workspace_mm": (location.outside_workspace_m / MM).tolist(),
             "outside_workspace_deg": math.degrees(location.outside_workspace_rad),

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from pouring_robot.batch.records import BatchClosure, BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
 from pouring_robot.io.given import expect
-from pouring_robot.mechanism.arrays import BoolArray, FloatArray, finite
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureResult
 from pouring_robot.mechanism.closure.status import CLOSED, NOT_CONVERGED, STATUS_NAMES
@@ -157,8 +157,7 @@ class PouringRobot(Robot):
 
     def command_at(self, values: FloatArray) -> PlatformPose:
         """Return the pose of x, y, z in m and the tilt in rad, (4,)."""
-        x, y, z, tilt = finite(values, (4,), "a command is x, y, z in m and the tilt in rad").tolist()
-        return PlatformPose((x, y, z), tilt)
+        return PlatformPose.of_values(values)
 
     def drives_of(self, command: Command) -> FloatArray:
         """Return the drive values, (4,), in m and rad, that a pose, a target or drive values mean."""
@@ -179,7 +178,7 @@ class PouringRobot(Robot):
     def outside_workspace(self, pose: PlatformPose) -> tuple[FloatArray, float]:
         """Return by how far a pose leaves the workspace box: per axis, shape (3,), in m, and in tilt, in rad."""
         expect(pose, PlatformPose, "a pose is a PlatformPose")
-        (lower, upper), values = self.layout.box, np.array([*pose.position_m, pose.tilt_rad])
+        (lower, upper), values = self.layout.box, np.array(pose.values)
         outside = np.maximum(lower - values, 0.0) + np.maximum(values - upper, 0.0)
         outside[outside < ROUND_OFF] = 0.0  # a box limit typed in mm or degrees must not count as outside by round-off
         return outside[:3], float(outside[3])

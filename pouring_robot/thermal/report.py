@@ -21,12 +21,12 @@ from pouring_robot.report.result import Result
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.location_figures import difference_figures
 from pouring_robot.robot.pouring.names import LEGS
-from pouring_robot.robot.pouring.platform_pose import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import POSE_COLUMNS, PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.leg_growth import LegBending, ThermalExpansion
 from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmRobot, drawing_of
 from pouring_robot.thermal.network.assembly import ThermalNetwork, simulate
-from pouring_robot.thermal.network.history import POSE_COLUMNS, HeatHistory, PoseSchedule
+from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule
 from pouring_robot.thermal.network.temperature_field import TemperatureField
 
 
@@ -132,7 +132,7 @@ class PoseHeat(Result):
         """Return everything, ready for JSON."""
         balance = self.field.balance
         return {
-            "pose": dict(zip(POSE_COLUMNS, self.pose.to_mm_deg(), strict=True)),
+            "pose": self.pose.figures(),
             "parts": self.parts,
             "moved": {frame: difference_figures(difference) for frame, difference in self.moved.items()},
             "heat_W": {

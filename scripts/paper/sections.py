@@ -82,7 +82,7 @@ def run_sections_study(layout: str, seed: int, progress: Progress = say_nothing)
     random = np.random.default_rng(seed)
 
     def poses(count: int) -> list[PlatformPose]:
-        return [PlatformPose((x, y, z), t) for x, y, z, t in random.uniform(*robot.layout.box, (count, 4)).tolist()]
+        return [PlatformPose.of_values(row) for row in random.uniform(*robot.layout.box, (count, 4))]
 
     steps = ("section 4's errors", "weight", "heat", "identification")
     for done, name in enumerate(steps):

@@ -42,7 +42,7 @@ def _poses(data):
     """Return what a user would have asked for, (n, 4): where the drawing stands at the drives."""
     drawing = data.robot.drawing()
     found = [drawing.forward(data.drive_values(row)) for row in range(len(data))]
-    return np.array([(*pose.position_m, pose.tilt_rad) for pose in found])
+    return np.array([pose.values for pose in found])
 
 
 def _seen(found, poses):

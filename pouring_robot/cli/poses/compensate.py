@@ -190,7 +190,7 @@ def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> Non
             files = options.wanted(asked.header, made.header)
         else:
             poses = robot.read_commands(asked.poses).values()
-            wanted = [(*pose.position_m, pose.tilt_rad) for pose in poses]
+            wanted = [pose.values for pose in poses]
             found = compensate_path(heated, wanted, asked.frame, show=show)
             headline, table = found.headline, found.to_frame()
             if not found.answered.any():

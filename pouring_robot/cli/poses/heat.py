@@ -71,7 +71,7 @@ class ThermalLaw:
 def _inputs(pose: PlatformPose) -> dict[str, float]:
     from pouring_robot.thermal.regression.thermal_model import POSE_INPUTS
 
-    return dict(zip(POSE_INPUTS, (*pose.position_m, pose.tilt_rad), strict=True))
+    return dict(zip(POSE_INPUTS, pose.values, strict=True))
 
 
 def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None, *, cold: bool) -> ThermalLaw | None:

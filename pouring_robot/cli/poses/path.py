@@ -103,7 +103,7 @@ def _at_once(
     if not isinstance(robot, PouringRobot):
         raise BadInputError("--at-once knows the pouring robot only")
     poses = [command for command in commanded.values() if isinstance(command, PlatformPose)]
-    wanted = [(*pose.position_m, pose.tilt_rad) for pose in poses]
+    wanted = [pose.values for pose in poses]
     with progress.stage_bars() as show:
         found, closed = locate_path(HeatedRobot(robot, heat), wanted, show=show)
     lip = found.sel(frame=robot.model.definition.loops.working_frame)
@@ -112,7 +112,7 @@ def _at_once(
         raise NoSolutionError(f"no pose has an answer; the first is '{status[0]}'")
     errors = zip(lip.error_position.values / MM, lip.error_rotation.values / MRAD, status, strict=True)
     rows = [
-        _posed(pose) | (_error(shift, turn) if np.isfinite(shift).all() else {}) | {"status": one}
+        pose.figures() | (_error(shift, turn) if np.isfinite(shift).all() else {}) | {"status": one}
         for pose, (shift, turn, one) in zip(poses, errors, strict=True)
     ]
     joints = JointRow.of_many(robot.engine().structure, closed, robot.model) if drawing.joints else []
@@ -128,16 +128,12 @@ def _row(location: Location) -> Row:
     from pouring_robot.robot.location import LadleLocation
 
     if isinstance(location, LadleLocation):
-        posed = _posed(location.commanded)
+        posed = dict(location.commanded.figures())
     else:
         nominal, _ = location.poses(location.loops.working_frame)
         posed = dict(zip(("x_mm", "y_mm", "z_mm"), nominal.translation / MM, strict=True))
     opened = {"open_um": location.actual.gap_m * 1e6, "open_mrad": location.actual.gap_rad / MRAD}
     return posed | _error(*location.difference().to_mm_mrad()) | opened
-
-
-def _posed(pose: Any) -> Row:
-    return dict(zip(("x_mm", "y_mm", "z_mm", "tilt_deg"), pose.to_mm_deg(), strict=True))
 
 
 def _error(shift: Any, turn: Any) -> Row:

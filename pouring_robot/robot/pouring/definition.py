@@ -24,6 +24,7 @@ from pouring_robot.robot.pouring.names import (
     LEGS,
     SETS,
 )
+from pouring_robot.robot.pouring.platform_pose import PLATFORM_POSE
 
 _SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
 THERMOMETERS = ("melt", *LEGS, "platform")
@@ -69,7 +70,7 @@ class PouringDefinition(RobotDefinition):
     @property
     def command_columns(self) -> tuple[Quantity, ...]:
         """Place and tilt of the platform."""
-        return (*(Quantity(name, "length", required=True) for name in "xyz"), Quantity("tilt", "angle", required=True))
+        return PLATFORM_POSE
 
     def command_axes(self, mechanism: ClosedChainMechanism) -> tuple[CommandAxis, ...]:
         """Return the same, inside the workspace box."""

@@ -146,7 +146,7 @@ class FourUPUKinematics(Drawing):
             rear, front = sides / MM
             why = f"the rear legs ({rear:.2f} mm seen along y) cannot meet the front ones ({front:.2f} mm)"
             raise NoSolutionError(f"no pose has these leg lengths: {why}; check the drive values")
-        upright, other = (PlatformPose((x, y, z), tilt) for x, y, z, tilt in poses.tolist())
+        upright, other = map(PlatformPose.of_values, poses)
         return min(upright, other, key=lambda pose: _apart(pose, near or upright))
 
     @np.errstate(invalid="ignore", over="ignore")  # what no pose has is NaN

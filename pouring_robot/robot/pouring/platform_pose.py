@@ -1,6 +1,7 @@
 """What the controller of the pouring robot commands: the platform's four freedoms."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Self
 
@@ -8,9 +9,16 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.io.given import expect
+from pouring_robot.io.quantities import Quantity
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import finite
 from pouring_robot.mechanism.rotations import tilts
+
+PLATFORM_POSE = (*(Quantity(name, "length", required=True) for name in "xyz"), Quantity("tilt", "angle", required=True))
+"""The numbers of a pose in a table, each in a column of any unit of its kind."""
+
+POSE_COLUMNS = ("x_mm", "y_mm", "z_mm", "tilt_deg")
+"""The same in mm and degrees, as tables that are written and figures name them."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +36,12 @@ class PlatformPose:
         object.__setattr__(self, "tilt_rad", tilt.item())
 
     @classmethod
+    def of_values(cls, values: Iterable[float]) -> Self:
+        """Take x, y, z in m and the tilt in rad, (4,), as :attr:`values` gives them."""
+        x, y, z, tilt = finite(values, (4,), "a command is x, y, z in m and the tilt in rad").tolist()
+        return cls((x, y, z), tilt)
+
+    @classmethod
     def from_mm_deg(cls, x_mm: float, y_mm: float, z_mm: float, tilt_deg: float) -> Self:
         """Take a pose in mm and degrees."""
         demand = "the pose's x, y, z and tilt must be finite numbers, in mm and degrees"
@@ -42,6 +56,11 @@ class PlatformPose:
         x, y, z = (float(value) for value in pose_fixed_platform_to_moving_platform.translation)
         return cls((x, y, z), tilts(pose_fixed_platform_to_moving_platform.rotation).item())
 
+    @property
+    def values(self) -> tuple[float, float, float, float]:
+        """Return x, y, z in m and the tilt in rad."""
+        return *self.position_m, self.tilt_rad
+
     def to_se3(self) -> pin.SE3:
         """Return the pose of the moving platform in the fixed platform."""
         return pin.SE3(pin.utils.rotate("y", self.tilt_rad), np.array(self.position_m))
@@ -50,3 +69,7 @@ class PlatformPose:
         """Return x, y, z in mm and the tilt in degrees."""
         x, y, z = self.position_m
         return x / MM, y / MM, z / MM, math.degrees(self.tilt_rad)
+
+    def figures(self) -> dict[str, float]:
+        """Return the same by name."""
+        return dict(zip(POSE_COLUMNS, self.to_mm_deg(), strict=True))

@@ -107,7 +107,7 @@ class RobotBench:
         """Return the values of all sliders that command the robot, by id."""
         inner: dict[str, Sequence[float]] = {DRIVES: list(location.drives.values())}
         if isinstance(location, LadleLocation):
-            inner[POSE] = (*location.commanded.position_m, location.commanded.tilt_rad)
+            inner[POSE] = location.commanded.values
         return {
             axis.heading: axis.shown(value)
             for group, axes in self._axes.items()

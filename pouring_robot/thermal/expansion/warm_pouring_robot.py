@@ -286,8 +286,7 @@ def strains_along(heated: HeatedRobot, poses: FloatArray, threads: int = 2, show
     def take(rows: Indices) -> None:
         field = None
         for row in rows:
-            x, y, z, tilt = poses[row].tolist()
-            field = heated.field(PlatformPose((x, y, z), tilt), field)
+            field = heated.field(PlatformPose.of_values(poses[row]), field)
             grown = heated.expansion(field)
             strain[row] = *grown.leg_strain, grown.platform_strain, grown.fixed_platform_strain
             done[0] += 1

@@ -18,14 +18,12 @@ from pouring_robot.io.tables import read_table
 from pouring_robot.io.temperatures import AMBIENT_DEGC, ZERO_CELSIUS_K, kelvin, temperature_fault
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closure.solver import ClosureResult
-from pouring_robot.robot.command_table import PLATFORM_POSE
-from pouring_robot.robot.pouring.platform_pose import PlatformPose
+from pouring_robot.robot.pouring.platform_pose import PLATFORM_POSE, POSE_COLUMNS, PlatformPose
 
 Placed = PlatformPose | ClosureResult
 """Where the robot stands: a pose of the drawing, or a closure of any robot of its layout."""
 
 _TIME, _MELT, _AMBIENT = Quantity("time", "time"), Quantity("melt", "temperature"), Quantity("ambient", "temperature")
-POSE_COLUMNS = ("x_mm", "y_mm", "z_mm", "tilt_deg")
 _STRAIGHT_K_PER_S = 1e-12
 
 
@@ -149,7 +147,7 @@ def read_shift(path: Path | str, default_ambient_degC: float = AMBIENT_DEGC) -> 
     if missing:
         raise table.heading_fault(f"column '{missing[0]}' is missing; a pose needs {', '.join(POSE_COLUMNS)}")
     numbers = zip(*(columns[quantity][1].tolist() for quantity in PLATFORM_POSE), strict=True)
-    poses = [PlatformPose((x, y, z), tilt) for x, y, z, tilt in numbers]
+    poses = [PlatformPose.of_values(row) for row in numbers]
     changes = [k for k in range(len(poses)) if k == 0 or poses[k] != poses[k - 1]]
     entries = tuple((float(times[k]), poses[k]) for k in changes)
     return history, PoseSchedule(entries, tuple(table.lines[changes].tolist()))

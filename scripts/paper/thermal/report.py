@@ -96,7 +96,7 @@ class ThermalReport(PaperReport):
         return {
             "layout": study.layout,
             "seed": study.seed,
-            "poses": [dict(zip(("x_mm", "y_mm", "z_mm", "tilt_deg"), p.to_mm_deg(), strict=True)) for p in study.poses],
+            "poses": [p.figures() for p in study.poses],
             "melts_degC": list(study.melts_degC),
             "moved_mm": {axis: (study.moved[:, :, a] / MM).tolist() for a, axis in enumerate(AXES)},
             "drawings": [asdict(draw) for draw in study.draws],
