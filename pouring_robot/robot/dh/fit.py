@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.exceptions import NoSolutionError
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.robot.dh.chain import JOINT_KINDS, SITES, DHChain, adjoint, inverse
 
 # The error sizes of the paper's study (its section 4.3); here they only weigh lengths against angles.
@@ -33,14 +33,13 @@ _COMMUTING = {"R": (2, 5), "P": (0, 1, 2, 5)}
 _SLIDES = [(joint, component) for joint, kind in enumerate(JOINT_KINDS) for component in _COMMUTING[kind]]
 
 
-def fit_errors(chain: DHChain, displacements: FloatArray, fitted: FloatArray, free: FloatArray) -> FloatArray:
+def fit_errors(chain: DHChain, displacements: FloatArray, fitted: BoolArray) -> FloatArray:
     """Return the smallest DH errors (8, 4), in m and rad, that describe a chain with displaced joints.
 
     Args:
         chain: the nominal chain.
         displacements: E of its six sites, shape (6, 4, 4).
         fitted: which DH numbers may carry an error, boolean (8, 4).
-        free: which further ones may take any value at no cost; they are fitted, and left out of the norm.
 
     Raises:
         NoSolutionError: Newton's method does not settle; the displacements are no small errors.
@@ -54,16 +53,13 @@ def fit_errors(chain: DHChain, displacements: FloatArray, fitted: FloatArray, fr
         wanted = inverse(slides[:-1]) @ asked @ slides[1:]
         gaps = inverse(wanted) @ chain.site_transforms(errors)
         residual = np.array([pin.log6(pin.SE3(gap)).vector for gap in gaps]).ravel()
-        columns = _error_columns(chain, errors)
-        costless = np.hstack([columns[:, free], _slide_columns(wanted)])
+        columns, costless = _error_columns(chain, errors)[:, fitted], _slide_columns(wanted)
         blind = scipy.linalg.null_space(costless.T).T
-        shown = blind @ columns[:, fitted]
+        shown = blind @ columns
         weighted = scipy.linalg.lstsq(shown * scales, shown @ errors[fitted] - blind @ residual)[0]
         step = weighted * scales - errors[fitted]
-        rest = scipy.linalg.lstsq(costless, -residual - columns[:, fitted] @ step)[0]
         errors[fitted] += step
-        errors[free] += rest[: int(free.sum())]
-        slides = _slide(slides, rest[int(free.sum()) :])
+        slides = _slide(slides, scipy.linalg.lstsq(costless, -residual - columns @ step)[0])
         if np.abs(residual).max() < _CLOSED and np.abs(step).max(initial=0.0) < _SETTLED:
             return errors
     raise NoSolutionError(

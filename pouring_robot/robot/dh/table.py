@@ -191,16 +191,12 @@ class DHTable:
         moved = {number: chain.displacements(arrays[number]) for number, chain in self.chains.items()}
         return {joint: pin.SE3(moved[chain.number][k]) for joint, (chain, k) in self._sites.items() if joint in touched}
 
-    def errors_from_placements(self, placements: Mapping[str, pin.SE3], *, drop_outs: bool = True) -> dict[str, float]:
+    def errors_from_placements(self, placements: Mapping[str, pin.SE3]) -> dict[str, float]:
         """Return the DH errors (m, rad; in table order) of every chain with a joint that is displaced.
 
         A chain has more numbers than its pose shows. The answer is the smallest one, each error measured in the
-        paper's size of it (0.2 mm, 4 mrad); it gives the same pose for all joint values, to 1e-12. The convention's
-        parameters are not listed.
-
-        With ``drop_outs``, passive joint variables carry errors as well, so that the described chain has the same pose
-        at the same joint values. Without, they are left out: the same machine, its passive joints counted from another
-        zero.
+        paper's size of it (0.2 mm, 4 mrad); it gives the same pose for all joint values, to 1e-12, for which passive
+        joint variables carry errors as well. The convention's parameters are not listed.
 
         Raises:
             UnknownJointError: a joint is not part of a chain.
@@ -209,17 +205,15 @@ class DHTable:
         for joint in placements:
             if joint not in self._sites:
                 raise UnknownJointError(joint, self._sites)
-        result, none = {}, pin.SE3.Identity()
+        result, none = dict[str, float](), pin.SE3.Identity()
         for number in sorted({self._sites[joint][0].number for joint in placements}):
             chain = self.chains[number]
             moved = np.stack([placements.get(joint, none).homogeneous for joint in chain.joints])
             parameters = [p for p in self.parameters if p.chain == number]
-            roles = np.array([p.role for p in parameters]).reshape(8, 4)
-            free = (roles == "joint variable") & (not drop_outs)
-            found = fit_errors(chain, moved, (roles != "convention") & ~free, free).ravel()
-            for parameter, value in zip(parameters, found, strict=True):
-                if parameter.role != "convention" and (drop_outs or not parameter.drops_out):
-                    result[parameter.name] = float(value)
+            fitted = np.array([p.role != "convention" for p in parameters]).reshape(8, 4)
+            found = fit_errors(chain, moved, fitted)[fitted]
+            names = (p.name for p in parameters if p.role != "convention")
+            result |= dict(zip(names, found.tolist(), strict=True))
         return result
 
     def _error_arrays(self, errors: Mapping[str, float] | None) -> dict[int, FloatArray]:
