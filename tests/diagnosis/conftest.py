@@ -1,4 +1,4 @@
-"""Diagnoses that several files look at, each made once."""
+"""Diagnoses that several test files use, each made once."""
 
 import functools
 

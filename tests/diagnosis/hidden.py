@@ -1,4 +1,4 @@
-"""Small campaigns of the independent machine, each with something known hidden in it."""
+"""Small campaigns of the independent machine, each with a known hidden error."""
 
 from dataclasses import replace
 

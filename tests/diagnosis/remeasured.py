@@ -1,4 +1,4 @@
-"""A machine of the rig that is measured twice: badly at first, then where it is told to."""
+"""A machine of the rig that is measured twice: badly at first, then as the diagnosis suggests."""
 
 from __future__ import annotations
 

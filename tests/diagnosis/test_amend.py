@@ -1,4 +1,4 @@
-"""The amended model: it predicts what the diagnosis predicted, and nothing is missing in it any more."""
+"""The amended model: it predicts what the diagnosis predicted, and nothing is missing in it."""
 
 import importlib
 from functools import partial

@@ -1,4 +1,4 @@
-"""What a diagnosis saved is applied by other commands: they predict the rows that were measured, and can undo it."""
+"""Other commands apply the saved model of a diagnosis: they predict the measured rows and can compensate its errors."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""A small blind set: clear cases of the independent rig are called what they are, and trials are counted rightly."""
+"""A small blind set: clear cases of the independent rig are named correctly, and trials are counted correctly."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Joints that go along with another one or err once a turn, by rotations that know nothing of the library."""
+"""Joints that follow another one or err once a turn, simulated by rotations independent of the library."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""What an answer that is put into the robot is settled beside, what it is held against, and how well it is known."""
+"""The search of a diagnosis: settled hypotheses, the gap, standard deviations, and steps of the linearisation."""
 
 import contextlib
 import importlib

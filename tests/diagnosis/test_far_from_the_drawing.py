@@ -1,4 +1,4 @@
-"""Errors so large that one cause looks like another to first order: the elbow of a SCARA, homed or geared wrong."""
+"""Errors so large that to first order one cause looks like another: a SCARA elbow with a wrong zero or gear ratio."""
 
 import csv
 from pathlib import Path

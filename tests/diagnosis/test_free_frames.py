@@ -1,4 +1,4 @@
-"""Which directions of the two frames a campaign leaves free: those that it tells, not those that it hardly sees."""
+"""Which directions of the two frames are free in a campaign: those that it determines, not those it hardly shows."""
 
 import numpy as np
 import pandas

@@ -1,4 +1,4 @@
-"""A gross error that draws the answer to itself, and a cause that nobody knows, which takes no row away."""
+"""A gross error that pulls the fit towards itself, and an unknown cause, for which no row is left out."""
 
 from dataclasses import replace
 

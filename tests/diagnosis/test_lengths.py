@@ -1,4 +1,4 @@
-"""One or two lengths of an arm that are wrong, by a chain of rotations that knows nothing of the library."""
+"""One or two wrong lengths of an arm, simulated by a chain of rotations independent of the library."""
 
 import numpy as np
 import pytest

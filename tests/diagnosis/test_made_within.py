@@ -1,4 +1,4 @@
-"""A machine whose joints are known to be made well: what hides in coarse workmanship is found."""
+"""A machine whose joints are known to be accurate: a cause that coarse workmanship would hide is found."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A real arm: a UR10 under a laser tracker. What is right there is known; see examples/machines/ur10."""
+"""A real arm: a UR10 under a laser tracker, of which the right answer is known; see examples/machines/ur10."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Options of what a library's call and a command both take: what is refused, and that their defaults are the same."""
+"""Options that calls of the library and commands share: what is refused, and that their defaults are the same."""
 
 import inspect
 import typing

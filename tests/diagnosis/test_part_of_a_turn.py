@@ -1,4 +1,4 @@
-"""An error of a joint that turned by part of a turn: what tells it from one that does not return with every turn."""
+"""An error of a joint over part of a turn: whether it can be distinguished from one that is not periodic."""
 
 import dataclasses
 

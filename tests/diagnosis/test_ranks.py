@@ -1,4 +1,4 @@
-"""Statistics of ranks against scipy.stats, which is not imported for them."""
+"""Rank statistics against scipy.stats, which the package does not import for them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The pages of a diagnosis: whole, self-contained, and they say what the figures say."""
+"""The pages of a diagnosis: complete, self-contained, and consistent with the figures."""
 
 import copy
 import html

@@ -1,4 +1,4 @@
-"""What goes by a campaign's own sessions, or by the order of its rows: named, and what cannot be foretold is said."""
+"""Causes that follow a campaign's sessions or the order of its rows: named, with what cannot be predicted."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Campaigns in which nobody measured one coordinate, or another in each row: diagnosed and calibrated as they are."""
+"""Campaigns in which one coordinate was not measured, or a different one in each row: diagnosed and calibrated."""
 
 import json
 

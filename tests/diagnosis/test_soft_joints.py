@@ -1,4 +1,4 @@
-"""Joints that turn under the load, by the energy of closures that yield: seen, and no cause."""
+"""Joints that turn under load, from the energy of compliant loop closures: detected, but no cause."""
 
 import dataclasses
 

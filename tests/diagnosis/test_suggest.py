@@ -1,4 +1,4 @@
-"""What to measure next: the worth of a set is what closed forms say, and measuring it does tell the effects apart."""
+"""What to measure next: the value of a set against closed forms; measuring it does distinguish the effects."""
 
 import dataclasses
 import functools

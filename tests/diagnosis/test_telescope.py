@@ -1,4 +1,4 @@
-"""The telescope example: synthetic tables with a known truth; the real ones where they stand beside the clone."""
+"""The telescope example: synthetic tables with a known truth; the real ones if they are next to the clone."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Noise that nobody states: what few repeats tell of it, smaller than it is by chance, and what is left over tells."""
+"""Noise that is not stated: estimated from few repeats, where it may be too small by chance, and from residuals."""
 
 from types import SimpleNamespace
 

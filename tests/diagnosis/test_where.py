@@ -1,4 +1,4 @@
-"""Where model and measurement disagree: level under noise alone, planted causes among correlated ones, missing data."""
+"""Where model and measurement disagree: the level under noise alone, planted among correlated causes, missing data."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""One blind trial: a campaign whose truth is known is diagnosed, and what was said is judged against the truth."""
+"""One blind trial: a campaign with a known truth is diagnosed, and the answer is judged against the truth."""
 
 from __future__ import annotations
 
