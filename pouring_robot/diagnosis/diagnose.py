@@ -173,10 +173,10 @@ def diagnose(
     if any(flag.code is FlagCode.SESSIONS_OF_ROWS for flag in flags):
         campaign = replace(campaign, sessions=("1",) * len(campaign))
     work = _Work(campaign, model, effects, options, progress)
-    asked = work.asked(wrong)
-    with _located(asked.diagnoser) as located:
-        found = work.without_gross_errors(work.searched(asked)).beside_unknown()
-        if found.diagnoser is asked.diagnoser:
+    subset = work.subset(wrong)
+    with _located(subset.diagnoser) as located:
+        found = work.without_gross_errors(work.searched(subset)).beside_unknown()
+        if found.diagnoser is subset.diagnoser:
             return located(work.judged(found, tuple(flags)))
     with _located(found.diagnoser) as located:
         return located(work.judged(found, tuple(flags)))
@@ -218,7 +218,7 @@ class _Work:
     options: DiagnosisOptions
     say: Progress
 
-    def asked(self, flagged: Indices, unfitting: Indices = _NO_ROWS) -> Subset:
+    def subset(self, flagged: Indices, unfitting: Indices = _NO_ROWS) -> Subset:
         """Return the campaign without some rows, and without those that lack a value with no substitute."""
         kept = self.campaign.usable.copy()
         for rows_out in (flagged, unfitting, *rows_without(self.campaign).values()):
@@ -239,10 +239,10 @@ class _Work:
         diagnoser = Diagnoser(rows, library, fitted, Thresholds(self.options.false_names))
         return Subset(flagged, unfitting, inliers, parts, tuple(notes), diagnoser)
 
-    def searched(self, asked: Subset, start: Hypothesis | None = None) -> Searched:
+    def searched(self, subset: Subset, start: Hypothesis | None = None) -> Searched:
         """Search, starting with what was found with more rows, if anything."""
         self.say("searching for effects", 0, 0)
-        return Searched(asked, asked.diagnoser, *asked.diagnoser.found(start)).with_noise_settled()
+        return Searched(subset, subset.diagnoser, *subset.diagnoser.found(start)).with_noise_settled()
 
     def without_gross_errors(self, found: Searched) -> Searched:
         """Search again without the rows that fit nothing; accepted if the residuals are then close to the noise.
@@ -257,8 +257,8 @@ class _Work:
             self.say("leaving out rows that fit nothing", 0, 0)
             # A fit that wrong rows have pulled towards themselves is no starting point.
             start = tried.hypothesis if tried.telling else None
-            asked = self.asked(found.asked.flagged, np.union1d(tried.asked.unfitting, more))
-            tried = self.searched(asked, start)
+            subset = self.subset(found.asked.flagged, np.union1d(tried.asked.unfitting, more))
+            tried = self.searched(subset, start)
             found = tried if tried.calm else found
         return found
 
@@ -286,7 +286,7 @@ class _Work:
     ) -> Diagnosis:
         """Put together what is known of a campaign."""
         judgement, after, hypothesis, in_turn = concluded
-        asked, diagnoser = found.asked, found.diagnoser
+        subset, diagnoser = found.asked, found.diagnoser
         rows, fitted = diagnoser.rows, diagnoser.fitted
         unknown = judgement.verdict == "unknown" and bool(judgement.causes)
         covariances = diagnoser.covariances(hypothesis, after, unexplained=unknown)
@@ -298,12 +298,12 @@ class _Work:
             campaign=self.campaign,
             model=self.model,
             rows=rows,
-            inliers=asked.inliers,
-            left_out=asked.left_out,
+            inliers=subset.inliers,
+            left_out=subset.left_out,
             flags=flags,
             noise=found.noise,
             fitted=fitted,
-            held_out_name=asked.parts.test_name if asked.parts else "",
+            held_out_name=subset.parts.test_name if subset.parts else "",
             diagnoser=diagnoser,
             before=before.alone,
             after=after.alone,
@@ -318,7 +318,7 @@ class _Work:
             held_out=gaps[1] if len(gaps) > 1 else None,
             in_turn=in_turn,
             notes=(
-                *asked.notes,
+                *subset.notes,
                 *_noise_notes(found.noise),
                 *(f"assumed: {line}" for line in given.assumed),
                 *rows.untold,

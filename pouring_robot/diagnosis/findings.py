@@ -68,12 +68,12 @@ class Findings:
 
     @property
     def firm(self) -> tuple[NamedEffect, ...]:
-        """Effects that cannot merely stand in for something unknown: no description explains nearly as well."""
+        """Effects that do not merely stand in for something unknown: no description explains nearly as well."""
         return tuple(e for e in self.effects if not e.nearest)
 
     @property
     def nearest(self) -> tuple[NamedEffect, ...]:
-        """Effects that may only stand in for something unknown: a description explains as well, nearly or better."""
+        """Effects that may only stand in for something unknown: a description explains nearly as well, or better."""
         return tuple(e for e in self.effects if e.nearest)
 
     @functools.cached_property

@@ -67,7 +67,7 @@ class Searched:
         return replace(self.stated or self.diagnoser.rows.noise, settled=self.settled)
 
     def under_larger(self, larger: LargerNoise) -> Searched:
-        """Search anew under a larger noise, from nothing, as what was found under a smaller one is wrongly weighted.
+        """Repeat the search from nothing under a larger noise: results under too small a noise are wrongly weighted.
 
         Where that of all kinds looks larger, each kind has as much as its own residuals show.
         """

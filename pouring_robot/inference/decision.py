@@ -122,7 +122,7 @@ def judge(
 
     Args:
         hypothesis: the best one.
-        discrepancy: what processes find beside it.
+        discrepancy: what processes find given it.
         thresholds: of evidence and size.
         kind: labels (m,) of the kind of measurement of each equation, each kind with its own noise; by default all one.
         larger_noise: under which the hypothesis is the best one, where the residual under the stated noise scatters so.
@@ -142,19 +142,19 @@ def judge(
     found = Judgement(
         "unknown", causes, tuple(discrepancy.structures()), challenges, (), len(discrepancy), thresholds, minor
     )
-    found, beside = replace(found, larger_noise=larger_noise), discrepancy
+    found, given = replace(found, larger_noise=larger_noise), discrepancy
     if noise_known and not found.scatters and (found.clear_structures or found.beaten):
         one = np.zeros(len(hypothesis.problem.residual), dtype=np.intp)
-        found, beside = _as_noise(discrepancy, found, one if kind is None else kind)
+        found, given = _as_noise(discrepancy, found, one if kind is None else kind)
     reasons = ([unexplained] if unexplained else []) + _reasons(hypothesis, found)
     if reasons:
         # Where something is unknown, each cause must have evidence that it is no part of that.
         least, limit = thresholds.evidence_of_one_in(1), found.structure_evidence
-        doubtful = (cause.effect for cause, _ in found.challenged if beside.lead(cause.indices, limit) < least)
+        doubtful = (cause.effect for cause, _ in found.challenged if given.lead(cause.indices, limit) < least)
         found = replace(found, doubtful=tuple(doubtful))
     causes = found.causes
     if not causes and (found.scatters or not reasons):
-        small = workmanship_causes(beside.hypothesis if found.scatters else hypothesis, thresholds)
+        small = workmanship_causes(given.hypothesis if found.scatters else hypothesis, thresholds)
         causes = tuple(cause for cause in small if cause.effect in hypothesis.problem.known)
         reasons += [f"workmanship like {c.effect} is there, which may not be named" for c in small if c not in causes]
     verdict = _verdict(causes, reasons)

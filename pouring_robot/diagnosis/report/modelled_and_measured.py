@@ -148,7 +148,7 @@ def _sample(campaign: Campaign, row: int) -> str:
 def _scene(
     against: CampaignRows, states: Sequence[ModelledState], labels: dict[int, str], axis: str = ""
 ) -> Scene | None:
-    """Return a scene of some rows, by their labels; None where nothing hangs on the end body."""
+    """Return a scene of some rows, by their labels; None where no geometry is attached to the end body."""
     campaign, model = against.campaign, against.model
     robot = robot_of(model)
     mechanism, loops = robot.nominal_solver.mechanism, robot.nominal_solver.mechanism.loops

@@ -1,4 +1,4 @@
-r"""The discrepancy: a sum of random functions of the conditions. It describes what is left, it names no cause.
+r"""The discrepancy: a sum of random functions of the conditions. It describes the residual, it names no cause.
 
 A :class:`~.processes.Process` is a Gaussian process: something unknown moves a place along channels of the prediction,
 as a function of a condition. Amplitude and length scale are integrated over, so that a condition on which nothing
@@ -71,7 +71,7 @@ _MOST_TOGETHER = 6
 
 
 class Discrepancy(ProjectedProcesses):
-    """What processes find beside a hypothesis, and in place of its causes."""
+    """What processes find given a hypothesis, and in place of its causes."""
 
     def __init__(self, hypothesis: Hypothesis, every: Iterable[Sequence[ProjectedProcess]]) -> None:
         super().__init__(hypothesis, every)
@@ -133,7 +133,7 @@ class Discrepancy(ProjectedProcesses):
         return OtherNoise(every, own, problem.nuisance.dof, len(problem.residual) if some is None else int(some.sum()))
 
     def structures(self, least_evidence: float = LITTLE_NATS) -> list[Structure]:
-        """Return what single processes find beside the hypothesis, with at least so much evidence, largest first."""
+        """Return what single processes find given the hypothesis, with at least ``least_evidence``, largest first."""
         found = sorted((f for f in self.alone if f.evidence >= least_evidence), key=lambda one: -one.evidence)
         count = len(self.hypothesis.problem.residual)
         return [
@@ -149,22 +149,22 @@ class Discrepancy(ProjectedProcesses):
         return sorted(self._summands(self._chosen(least_evidence, most)), key=lambda summand: -summand.size)
 
     def lead(self, indices: Sequence[int], least_evidence: float) -> float:
-        """Return by how many nats a cause explains better than processes in its place, beside what is unknown.
+        """Return by how many nats a cause explains better than processes in its place, given what is unknown.
 
         What is unknown is a sum of processes with ``least_evidence`` nats each, searched for with the cause and without
         it. The alternative without the cause may also be the first of these sums with any one process more, however
-        small its evidence. Processes that say the same as the cause count here, too: a constant error may be the mean
-        of something unknown.
+        small its evidence. Processes that describe the same as the cause count here, too: a constant error may be the
+        mean of something unknown.
         """
         rest = self.without(indices)
         with forked(lambda: rest._together(rest._names(least_evidence))) as elsewhere:
             names = self._names(least_evidence)
             own = self.hypothesis.worth(indices) + self._together(names)
             lead = own - elsewhere()
-        if not 0.0 < lead < 2.0 * least_evidence:  # a process that the search left out is worth no more
+        if not 0.0 < lead < 2.0 * least_evidence:  # a process that the search left out has no more evidence
             return lead
         more, instead = self._more(names), rest._more(names)
-        # What a process explains beside the cause as well is no replacement of it.
+        # What a process also explains together with the cause does not replace the cause.
         taken = max((evidence - max(more[name], 0.0) for name, evidence in instead.items()), default=0.0)
         return min(lead, own - rest._together(names) - max(taken, 0.0))
 
@@ -172,7 +172,7 @@ class Discrepancy(ProjectedProcesses):
         return self._chosen(least_evidence, _MOST_TOGETHER).names
 
     def _refitted(self, names: Iterable[str]) -> ProcessSum:
-        """Return processes by name, each fitted beside those before it."""
+        """Return processes by name, each fitted given those before it."""
         together = ProcessSum(self)
         for name in names:
             together = ProcessSum(self, [*together.members, together.fitted(name)])
@@ -183,7 +183,7 @@ class Discrepancy(ProjectedProcesses):
         return sum(one.evidence for one in self._refitted(names).members)
 
     def _more(self, names: tuple[str, ...]) -> dict[str, float]:
-        """Return the log evidence of each other process beside those named, in nats."""
+        """Return the log evidence of each other process given those named, in nats."""
         return {found.name: found.evidence for found in self._refitted(names).all(but=names)}
 
     def _chosen(self, least_evidence: float, most: int) -> ProcessSum:
@@ -210,7 +210,7 @@ class Discrepancy(ProjectedProcesses):
     def rivals(self, summand: Summand, beside: Sequence[Summand], apart: float = LITTLE_NATS) -> tuple[str, ...]:
         """Return the conditions that explain as much, within ``apart`` nats, in place of a summand, best first.
 
-        The summand and those beside it are results of :meth:`sum`.
+        The summand and the others (``beside``) are results of :meth:`sum`.
         """
         others, taken = self._again(beside), {one.process.name for one in (summand, *beside)}
         found = [f for f in others.all(but=taken) if f.evidence > summand.evidence - apart]
@@ -257,7 +257,7 @@ class Discrepancy(ProjectedProcesses):
 
 
 def _best(tried: dict[str, FittedProcess], chosen: ProcessSum, least_evidence: float) -> FittedProcess | None:
-    """Return the process with the most evidence beside the chosen ones, if that is enough; None otherwise.
+    """Return the process with the most evidence given the chosen ones, if that is enough; None otherwise.
 
     The evidence of a process hardly ever grows as others are added, so that most need not be evaluated again (lazy
     greedy choice: Minoux, Accelerated greedy algorithms, 1978). As it may, all are before None is returned. ``tried``
@@ -279,7 +279,7 @@ def _best(tried: dict[str, FittedProcess], chosen: ProcessSum, least_evidence: f
 
 
 def _settled(together: ProcessSum, least_evidence: float) -> ProcessSum:
-    """Return the sum with each process refitted beside the others, without those that lost their evidence."""
+    """Return the sum with each process refitted given the others, without those that lost their evidence."""
     for one in together.members:
         others = together.others(one)
         again = others.fitted(one.name)

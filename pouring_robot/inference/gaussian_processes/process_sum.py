@@ -1,4 +1,4 @@
-"""Gaussian processes in the equations of one problem: each beside a hypothesis, and several at once.
+"""Gaussian processes in the equations of one problem: each given a hypothesis, and several at once.
 
 All inner products are formed once: of each process with the nuisance parameters and the hypothesis, and of two
 processes with each other when both are in a sum. Nothing here knows the robot. A process passes through these steps:
@@ -6,7 +6,7 @@ processes with each other when both are in a sum. Nothing here knows the robot. 
 - :class:`~.processes.Process`: what moves by which condition, at several length scales;
 - :class:`ProjectedProcess`: one length scale in one problem, nuisance parameters projected out;
 - :class:`ConditionedProcess`: the same, conditional on a hypothesis;
-- :class:`FittedProcess`: at its best length scale, beside the others of a :class:`ProcessSum`;
+- :class:`FittedProcess`: at its best length scale, given the others of a :class:`ProcessSum`;
 - :class:`~.discrepancy.Summand`: with its share of what the sum explains.
 """
 
@@ -192,7 +192,7 @@ class ProjectedProcesses:
 
     @cached_property
     def alone(self) -> list[FittedProcess]:
-        """Each process fitted alone beside the hypothesis."""
+        """Each process fitted alone, given the hypothesis."""
         return list(ProcessSum(self).all())
 
     def shared(self, one: ConditionedProcess, other: ConditionedProcess) -> FloatArray:
@@ -207,7 +207,7 @@ class ProjectedProcesses:
 
 
 class ProcessSum:
-    """Several processes at once, beside a hypothesis."""
+    """Several processes at once, given a hypothesis."""
 
     def __init__(self, processes: ProjectedProcesses, members: Sequence[FittedProcess] = ()) -> None:
         self.processes, self.members = processes, tuple(members)
@@ -222,7 +222,7 @@ class ProcessSum:
         return ProcessSum(self.processes, [other for other in self.members if other is not one])
 
     def fitted(self, name: str) -> FittedProcess:
-        """Return a process at its best length scale, beside the members."""
+        """Return a process at its best length scale, given the members."""
         lengths = self.processes.conditioned[name]
         products = [self.products(one) for one in lengths]
         factors = [bayes_factor(*one) for one in products]
@@ -231,7 +231,7 @@ class ProcessSum:
         return FittedProcess(mean, lengths[best], factors[best].scale.main, *products[best])
 
     def all(self, but: Iterable[str] = ()) -> Iterator[FittedProcess]:
-        """Yield each process, except those named, fitted beside the members."""
+        """Yield each process, except those named, fitted given the members."""
         without = {*but}
         for name in self.processes.conditioned:
             if name not in without:
