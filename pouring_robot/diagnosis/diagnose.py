@@ -274,9 +274,9 @@ class _Work:
         larger = concluded.judgement.larger_noise
         if larger and not found.larger_noise:
             self.say("searching again under a larger noise", 0, 0)
-            anew = self.judged(found.under_larger(larger), flags)
-            if not (anew.judgement.clear_structures or anew.judgement.beaten):
-                return anew
+            repeated = self.judged(found.under_larger(larger), flags)
+            if not (repeated.judgement.clear_structures or repeated.judgement.beaten):
+                return repeated
             # A process is clear under that noise, given what is found with it: it is no larger noise.
             concluded = self._concluded(found, before, misfit, unsettled, as_noise=False)
         return self._believed(self._diagnosis(found, before, concluded, flags, misfit), unsettled)

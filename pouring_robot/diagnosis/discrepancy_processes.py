@@ -82,19 +82,19 @@ class Places:
 
         ``axes`` are those of the base in the tracker's frame, (3, 3), ``drives`` the channels of a m or rad of each.
         """
-        sums, seen = sums_of(row, len(given)), []
+        sums, body = sums_of(row, len(given)), []
         for k in shown(component):
             own = np.where(component // 3 == k // 3, axes[component % 3, k % 3], 0.0) if k < 6 else component == k
-            seen.append(Channel(component_name(k), own / sigma, sums, 3 <= k < 6))
+            body.append(Channel(component_name(k), own / sigma, sums, 3 <= k < 6))
         named = zip(given.robot.drives, drives, strict=True)
-        return cls(given, tuple(replace(c, name=d.symbol, turning=d.unit == "rad") for d, c in named), tuple(seen))
+        return cls(given, tuple(replace(c, name=d.symbol, turning=d.unit == "rad") for d, c in named), tuple(body))
 
 
 def shown(component: Indices) -> tuple[int, ...]:
     """Return the measured components; all three of a position or a rotation, as they are rotated into other axes."""
-    seen = set(np.unique(component).tolist())
-    groups = {k // 3 if k < 6 else k for k in seen}
-    return tuple(k for k in range(max(seen) + 3) if (k // 3 if k < 6 else k) in groups)
+    measured = set(np.unique(component).tolist())
+    groups = {k // 3 if k < 6 else k for k in measured}
+    return tuple(k for k in range(max(measured) + 3) if (k // 3 if k < 6 else k) in groups)
 
 
 def processes_of(rows: CampaignRows, linear: LinearRows, axes: FloatArray, *, chance: bool = True) -> Iterator[Process]:

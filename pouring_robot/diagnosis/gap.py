@@ -42,7 +42,7 @@ class Gap:
     def between(cls, before: WhitenedRows, after: WhitenedRows, rows: BoolArray, sigma: FloatArray) -> Self:
         """Return the gap of some rows, by a mask (n,), from residuals of all; sigma (K,) is the noise, in m and rad."""
         size = len(sigma)
-        was, left = (_by_component(seen.of(rows), size) for seen in (before, after))
+        was, left = (_by_component(state.of(rows), size) for state in (before, after))
         counts = np.bincount(before.of(rows).component, minlength=size)
         return cls(int(rows.sum()), was, left, np.asarray(sigma, float), counts)
 

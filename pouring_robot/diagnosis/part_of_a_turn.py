@@ -48,8 +48,8 @@ def left_open(diagnosis: Conclusions, effect: NamedEffect) -> tuple[str, ...]:
 
 def turned_deg(angles: FloatArray) -> float:
     """Return the part of a turn that angles (n,), in rad, span, in degrees: all but the widest gap."""
-    seen = np.unique(angles % (2.0 * np.pi))
-    return 360.0 - float(np.degrees(np.diff(seen, append=seen[0] + 2.0 * np.pi).max()))
+    places = np.unique(angles % (2.0 * np.pi))
+    return 360.0 - float(np.degrees(np.diff(places, append=places[0] + 2.0 * np.pi).max()))
 
 
 def _squares(part: FloatArray, *terms: FloatArray) -> tuple[float, float]:

@@ -215,10 +215,10 @@ class CampaignRows:
         bare = replace(self.campaign, approach=None, force=None, conditions={}, sessions=("",) * len(self))
         found = []
         for effect in model.conditional:
-            alone = model.model_copy(update={"effects": [e for e in model.effects if e.effect == effect]})
-            mine, _ = stack_of(alone, self.campaign, self._nominal, seen=False)
+            single = model.model_copy(update={"effects": [e for e in model.effects if e.effect == effect]})
+            mine, _ = stack_of(single, self.campaign, self._nominal, seen=False)
             try:
-                theirs, _ = stack_of(alone, bare, self._nominal, of_commands, seen=False)
+                theirs, _ = stack_of(single, bare, self._nominal, of_commands, seen=False)
             except BadInputError:  # the model as a whole was accepted, so a condition is missing
                 found.append(effect)
                 continue
@@ -257,7 +257,7 @@ class CampaignRows:
         """Close the loops with changes put in; raises DiagnosisError where some rows do not."""
         before = replace(self._given, base=self._given.base + base_displacements(frames.sessions, self._session))
         total = before + changes
-        prediction = self._seen(total, frames)
+        prediction = self._predicted(total, frames)
         left = self._whitened(prediction)
         alone = WhitenedRows(left.residual, left.rows, left.components, self.measured.sigma[left.components])
         return ClosedRows(frames, before, total, prediction, alone)
@@ -310,9 +310,9 @@ class CampaignRows:
 
     def predicted(self, changes: RowChanges, frames: OuterFrames) -> Prediction:
         """Close the loops with changes put in and return the prediction; rows that do not close are NaN."""
-        return self._seen(self._given + changes, frames)
+        return self._predicted(self._given + changes, frames)
 
-    def _seen(self, total: RowChanges, frames: OuterFrames) -> Prediction:
+    def _predicted(self, total: RowChanges, frames: OuterFrames) -> Prediction:
         closure = self.measurement.engine.close(self._drives + total.drives, self._start, total.placements)
         return Prediction.of(closure, frames, total.base, total.scale)
 

@@ -148,7 +148,7 @@ class ConditionalGram:
     def conditioned(
         self, shared: FloatArray, inner: FloatArray, projected: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return conditional inner products of a other columns with each other, (a, a), and with the residual, (a,).
+        """Return conditional inner products of other columns with each other, (a, a), and with the residual, (a,).
 
         From the unconditional ones: with the groups' columns, (k, a), each other, (a, a), and the residual, (a,).
         """

@@ -30,7 +30,7 @@ from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 _SWEEPS = 3
 _ALONE = 2e-3
-"""Lower limit of one minus the leverage: below it, an error of form of 0.3 of the noise would look like 6.5."""
+"""Lower limit of one minus the leverage: below it, 0.3 of the noise, from an inexact form, would look like 6.5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +156,8 @@ class Hypothesis:
     @property
     def _given_workmanship(self) -> ConditionalGram:
         """Inner products conditional on workmanship: factored once for all hypotheses with the same levels."""
-        known, asked = self.problem.worked_out, ("workmanship", self.levels)
-        return once(known, asked, lambda: ConditionalGram.groups(self.problem.gram, self.workmanship()))
+        known, entry = self.problem.worked_out, ("workmanship", self.levels)
+        return once(known, entry, lambda: ConditionalGram.groups(self.problem.gram, self.workmanship()))
 
     def _inner(self, one: Explanation, other: Explanation) -> FloatArray:
         """Return the inner products of the columns of two explanations, (k, l), conditional on workmanship.
@@ -375,7 +375,7 @@ class Hypothesis:
 
     @property
     def workmanship_squared_size(self) -> float:
-        """Sum of squares of the joint part of all kinds of workmanship in the prediction, in noise variances."""
+        """Sum of squares of what all kinds of workmanship together add to the prediction, in noise variances."""
         parts = self._parts[: len(self._parts) - len(self.items)]
         together = sum(parts, np.zeros(len(self.problem.residual)))
         return float(together @ together)

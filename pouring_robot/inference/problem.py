@@ -17,7 +17,7 @@ from pouring_robot.inference.priors import log_priors_of_forms
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 WORKMANSHIP_FORM = "background"
-"""Name in files of an effect's form where it is workmanship."""
+"""Name, in files, of an effect's form that is workmanship."""
 _RANK = 1e-10
 Value = TypeVar("Value")
 
@@ -138,7 +138,7 @@ class Problem:
     workmanship: tuple[Workmanship, ...]  # its kinds
     explanations: tuple[Explanation, ...]  # forms of effects
     # sum of squares of the gap of the given model, in noise variances. The residual differs from that gap where causes
-    # were put into the model and subtracted again to first order
+    # were put into the model and added to the residual again to first order
     given_squared: float = math.inf
 
     @classmethod

@@ -160,8 +160,8 @@ def _exchanged(hypothesis: Hypothesis, key: tuple[str, str]) -> Hypothesis:
     Branches of the search often reach the same hypothesis, so each exchange is searched for once. Only the changes are
     remembered: a hypothesis refers to its problem, so that the cache would keep both and their columns alive.
     """
-    asked = "exchanged", key, hypothesis.barred
-    found = hypothesis.once(asked, lambda: _better(hypothesis, key))
+    entry = "exchanged", key, hypothesis.barred
+    found = hypothesis.once(entry, lambda: _better(hypothesis, key))
     return replace(hypothesis, **found) if found else hypothesis
 
 

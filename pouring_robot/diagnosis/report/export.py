@@ -89,7 +89,7 @@ Metrics = dict[str, Any]
 
 def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
     """Return ``diagnosis.json``, which includes the path of the amended model file."""
-    judgement, asked, frames = diagnosis.judgement, diagnosis.diagnoser.thresholds, diagnosis.after.frames
+    judgement, thresholds, frames = diagnosis.judgement, diagnosis.diagnoser.thresholds, diagnosis.after.frames
     known = diagnosis.diagnoser.library.effects
     content: Metrics = {
         "format": "pouring_robot/diagnosis/1",
@@ -128,9 +128,9 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
         "noise": diagnosis.noise.figures(),
         "noise_left": diagnosis.noise_left.figures() if diagnosis.noise_left else None,
         "thresholds": {
-            "false_names": asked.false_names,
-            "least_evidence_nats": asked.least_evidence,
-            "by_chance_nats": asked.by_chance,  # of the best effect in this campaign by chance alone
+            "false_names": thresholds.false_names,
+            "least_evidence_nats": thresholds.least_evidence,
+            "by_chance_nats": thresholds.by_chance,  # of the best effect in this campaign by chance alone
             "draws": CHANCE_DRAWS,
             "seed": CHANCE_SEED,
             "made_within": diagnosis.diagnoser.library.made_within,

@@ -51,9 +51,9 @@ class ModelledState:
     @classmethod
     def of(cls, name: str, rows: CampaignRows, changes: RowChanges, frames: OuterFrames) -> Self:
         """Return the state of a robot with changes put in, for the rows of a campaign."""
-        seen = rows.predicted(changes, frames)
-        turned = np.where(np.isfinite(rows.measured.rotation), rows.measured.rotation, seen.rotation)
-        poses = ((seen.rotation, seen.position_m), (turned, rows.measured.position_m))
+        predicted = rows.predicted(changes, frames)
+        turned = np.where(np.isfinite(rows.measured.rotation), rows.measured.rotation, predicted.rotation)
+        poses = ((predicted.rotation, predicted.position_m), (turned, rows.measured.position_m))
         return cls(name, *(_inside(frames, *pose) for pose in poses))
 
     def gaps_m(self, tool: FloatArray) -> FloatArray:
@@ -63,10 +63,10 @@ class ModelledState:
 
 def _inside(frames: OuterFrames, rotation: FloatArray, position_m: FloatArray) -> FloatArray:
     """Return poses of the end body in the base, (n, 4, 4), from what the tracker sees of the target."""
-    seen = np.tile(np.eye(4), (len(position_m), 1, 1))
-    seen[:, :3, :3], seen[:, :3, 3] = rotation, position_m
+    poses = np.tile(np.eye(4), (len(position_m), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = rotation, position_m
     inner, outer = (frame.inverse().homogeneous for frame in (frames.T_end_target, frames.T_tracker_base))
-    return np.asarray(outer @ seen @ inner)
+    return np.asarray(outer @ poses @ inner)
 
 
 def seen_states(diagnosis: Conclusions) -> list[ModelledState]:

@@ -28,7 +28,7 @@ def note_lines(diagnosis: Conclusions) -> list[str]:
         *_repeat_lines(diagnosis),
         *(line for line in said if line and line != diagnosis.misfit),
         *_left_out_lines(diagnosis),
-        *_beside_lines(diagnosis),
+        *_fitted_lines(diagnosis),
         *_elsewhere_lines(diagnosis),
         *_data_lines(diagnosis),
     ]
@@ -102,7 +102,7 @@ def _left_out_lines(diagnosis: Conclusions) -> Iterator[str]:
         yield "no ladles.html: no row has a whole measured position"
 
 
-def _beside_lines(diagnosis: Conclusions) -> Iterator[str]:
+def _fitted_lines(diagnosis: Conclusions) -> Iterator[str]:
     """Yield what else is fitted or would explain something."""
     workmanship = workmanship_text(diagnosis)
     if workmanship and not diagnosis.mostly_workmanship:
@@ -168,10 +168,10 @@ def workmanship_text(diagnosis: Conclusions) -> str:
 def _minor_lines(diagnosis: Conclusions) -> list[str]:
     """Return what is fitted together with the causes, and what was but is left out of the model."""
     minor, fitted = diagnosis.judgement.minor, diagnosis.hypothesis.effects
-    beside = [effect for effect in minor if effect in fitted]
+    together = [effect for effect in minor if effect in fitted]
     passing = [effect for effect in minor if effect not in fitted]
     why = "as they add too little or what a larger cause does if its size varies"
-    lines = [f"fitted beside, but no causes, {why}: {', '.join(beside)}"] if beside else []
+    lines = [f"fitted beside, but no causes, {why}: {', '.join(together)}"] if together else []
     if passing:
         own = f"left out of the model, {why}, and go by this campaign's own time or sessions"
         lines.append(f"{own}: {', '.join(passing)}")
@@ -193,11 +193,11 @@ def _alike_lines(diagnosis: Conclusions) -> Iterator[str]:
     found, hidden = diagnosis.hypothesis, diagnosis.judgement.thresholds.hidden
     single = [item for item in found.problem.explanations if item.columns.shape[1] == 1]
     for index in (k for effect in diagnosis.effects for k in effect.cause.indices if found.items[k] in single):
-        own, seen = found.items[index], found.squared_size(index)
+        own, squared = found.items[index], found.squared_size(index)
         others = [
             item for item in single if item.effect == own.effect and item.key not in found.keys and not item.one_of
         ]
-        alike = [item for item in others if seen - found.explained_by(item, (index,)) < hidden]
+        alike = [item for item in others if squared - found.explained_by(item, (index,)) < hidden]
         if alike:
             *rest, last = (item.form.removesuffix("_alone") for item in (*alike, own))
             yield f"{own.effect}: in these poses {', '.join(rest)} would do what {last} does"

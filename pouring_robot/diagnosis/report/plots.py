@@ -36,8 +36,8 @@ def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
     count, shown = len(diagnosis.rows), int(_shown(diagnosis).sum())
     some = f"; {shown} of {count} rows drawn" if shown < count else ""
     held = "no row held out" if diagnosis.fitted.all() else "held-out rows ringed"
-    told = diagnosis.rows.measured.known[:, :6].any()  # otherwise there are no axes
-    axes, own = (f"{whose}'s axes; " if told else "" for whose in ("tracker", words.base))
+    measured = diagnosis.rows.measured.known[:, :6].any()  # otherwise there are no axes
+    axes, own = (f"{whose}'s axes; " if measured else "" for whose in ("tracker", words.base))
     drawn = [
         (f"The gap of each component, before and after (RMS, {axes}logarithmic)", _gap(diagnosis)),
         (f"Residuals over conditions, before and after ({own}{held}{some})", _residuals(diagnosis)),
@@ -105,8 +105,8 @@ def _residuals(diagnosis: Conclusions) -> str:
     figure = new_figure(width, height)
     figure.set_layout_engine(None)  # the layout of so many panels takes longer than drawing them
     room = {"left": 0.7 / width, "right": 1.0 - 0.1 / width, "bottom": 0.5 / height, "top": 1.0 - 0.4 / height}
-    seen = np.flatnonzero(np.isfinite(tables[0]).any(axis=0))
-    lengths = seen[seen < 3] if (seen < 3).any() else seen[seen >= 6]
+    measured = np.flatnonzero(np.isfinite(tables[0]).any(axis=0))
+    lengths = measured[measured < 3] if (measured < 3).any() else measured[measured >= 6]
     shared: dict[str, Any] = {"sharex": "col", "sharey": "row", "gridspec_kw": room | {"wspace": 0.1, "hspace": 0.1}}
     grid = figure.subplots(len(lengths), len(shown), squeeze=False, **shared)
     for k, row in zip(lengths.tolist(), grid, strict=True):

@@ -159,10 +159,10 @@ def gap_table(diagnosis: Conclusions) -> tuple[tuple[str, ...], list[tuple[str, 
     for name, gap in diagnosis.gaps.items():
         kind = "held out" if name == "held_out" else "fitted"
         for which in ("before", "floor") if diagnosis.refused else ("before", "after", "floor"):
-            values, seen = getattr(gap, which), gap.counts > 0
+            values, measured = getattr(gap, which), gap.counts > 0
             cells = [*(values[:3] / MM), gap.position(which) / MM, *(values[3:6] / MRAD), gap.rotation(which) / MRAD]
             cells += (values[6:] / MM).tolist()
-            known = [*seen[:3], True, *seen[3:6], True, *seen[6:]]
+            known = [*measured[:3], True, *measured[3:6], True, *measured[6:]]
             shown = (f"{v:.4f}" if k and math.isfinite(v) else "" for v, k in zip(cells, known, strict=True))
             rows = str(gap.rows) if which == "before" else ""
             table.append((kind, "noise" if which == "floor" else which, *shown, rows))
@@ -225,15 +225,15 @@ def _beyond_nature(
 def as_zeros_text(names: Iterable[str], tilts: Sequence[AxisTilt]) -> str:
     """Return which parameters may be zeros of the preceding joints as well, in words; "" where none may."""
     zeros = {f"{tilt.joint}.tilt_{axis}": joint for tilt in tilts for axis, joint in tilt.zeros.items()}
-    told = [f"{plain(name)} as {plain(zeros[name])}'s" for name in names if name in zeros]
-    return f"turns what follows as the zero of the joint before it would: {', '.join(told)}" if told else ""
+    shared = [f"{plain(name)} as {plain(zeros[name])}'s" for name in names if name in zeros]
+    return f"turns what follows as the zero of the joint before it would: {', '.join(shared)}" if shared else ""
 
 
 def form_text(diagnosis: Conclusions, effect: NamedEffect) -> str:
     """Return the form or forms of an effect in words; "" where that says nothing: workmanship, all drives."""
     at_work = [diagnosis.hypothesis.items[k].form for k in effect.cause.indices] or [effect.cause.form]
-    told = [f"'{plain(form)}'" for form in dict.fromkeys(at_work) if form not in (WORKMANSHIP_FORM, "all")]
-    return f"form{'s' * (len(told) > 1)} {', '.join(told)}" if told else ""
+    forms = [f"'{plain(form)}'" for form in dict.fromkeys(at_work) if form not in (WORKMANSHIP_FORM, "all")]
+    return f"form{'s' * (len(forms) > 1)} {', '.join(forms)}" if forms else ""
 
 
 def parameter_text(name: str, found: FoundParameter) -> str:
@@ -269,8 +269,8 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
         better_said = f"{are} but not it: '{words}' describes the data better"
         said = better_said if words else "may be at work, or a part of what is unknown"
         lines.append(f"{', '.join(effects)} {said}")
-    beside = f"beside {'them' if len(judged.doubtful) > 1 else 'it'}, " if lines else ""
-    lines += [beside + item.sentence for item in diagnosis.remainder]
+    opening = f"beside {'them' if len(judged.doubtful) > 1 else 'it'}, " if lines else ""
+    lines += [opening + item.sentence for item in diagnosis.remainder]
     lines[:0] = [line for line in (diagnosis.misfit, scatter_text(diagnosis)) if line]
     return lines or list(diagnosis.judgement.reasons)
 
@@ -392,19 +392,19 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
     if not suggestion.measurements:
         return []
     pairs = list(dict.fromkeys(f"{s.first} from {s.second}" for s in suggestion.separations))
-    best, told = suggestion.best_first, some(pairs, _SHOWN_PAIRS)
+    best, shown = suggestion.best_first, some(pairs, _SHOWN_PAIRS)
     gain, now = suggestion.expected_nats, min(s.now_nats for s in suggestion.separations)
     odds = f"({LITTLE_NATS:g} nats: odds of {math.exp(LITTLE_NATS):.0f})"
     if diagnosis.verdict == "named" and gain < LITTLE_NATS <= now:
         return [
-            f"no measurement is needed to tell {told}: they are {now:.0f} nats apart or more, and "
+            f"no measurement is needed to tell {shown}: they are {now:.0f} nats apart or more, and "
             f"{counted(len(best), 'measurement')} would add {gain:.1f} {odds}"
         ]
     if not suggestion.tells:
-        return [f"none of the measurements that were tried would tell {told}"]
+        return [f"none of the measurements that were tried would tell {shown}"]
     by_chance = float(np.median(suggestion.random_nats))
     lines = [
-        f"{counted(len(best), 'measurement')} to tell {told}: {_nats_text(gain)} expected, "
+        f"{counted(len(best), 'measurement')} to tell {shown}: {_nats_text(gain)} expected, "
         f"{_nats_text(by_chance)} from as many at random {odds}; the best of them:"
     ]
     return lines + [f"  {m.words}" for m in best[:_SHOWN_MEASUREMENTS]]
@@ -420,8 +420,8 @@ def sections(diagnosis: Conclusions, *, short: bool = True) -> list[tuple[str, l
     where = list(diagnosis.where.sentences)
     if short and len(where) > _SHOWN_SENTENCES:
         where = [*where[:_SHOWN_SENTENCES], f"{len(where) - _SHOWN_SENTENCES} more in the report"]
-    told = [effect_lines(diagnosis, effect, short=short) for effect in diagnosis.firm]
-    which = [line if k == 0 else f"  {line}" for lines in told for k, line in enumerate(lines)]
+    by_effect = [effect_lines(diagnosis, effect, short=short) for effect in diagnosis.firm]
+    which = [line if k == 0 else f"  {line}" for lines in by_effect for k, line in enumerate(lines)]
     found = [
         ("where they disagree", [] if diagnosis.verdict == "no_gap" and short else where),
         ("which effect", which),

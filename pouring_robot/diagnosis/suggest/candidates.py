@@ -81,8 +81,8 @@ def _reach(campaign: Campaign, model: RobotModel, count: int, seed: int) -> Reac
         return poses, plan.drives, robot.layout.ladle.payload.value, travels
     drives, start = _between(campaign, model, count, seed)
     given = campaign.conditions
-    seen = {name: given[name] for name in campaign.robot.travels if name in given}
-    travels = {name: (float(np.nanmin(values)), float(np.nanmax(values))) for name, values in seen.items()}
+    recorded = {name: given[name] for name in campaign.robot.travels if name in given}
+    travels = {name: (float(np.nanmin(values)), float(np.nanmax(values))) for name, values in recorded.items()}
     payload = float(np.nanmax(given["payload"])) if "payload" in given else 0.0
     return tuple(map(pin.SE3, start.rotation, start.position)), drives, payload, travels
 
@@ -214,9 +214,9 @@ def _together(campaign: Campaign, possible: Candidates, diagnosis: Findings) -> 
     """
     n, frames = len(possible), diagnosis.after.frames
     outer, inner = frames.T_tracker_base, frames.T_end_target
-    seen = [outer * pose * inner for pose in possible.poses]
-    place = np.array([pose.translation for pose in seen])
-    turn = rotation_vectors(np.array([pose.rotation for pose in seen]))
+    readings = [outer * pose * inner for pose in possible.poses]
+    place = np.array([pose.translation for pose in readings])
+    turn = rotation_vectors(np.array([pose.rotation for pose in readings]))
     session = by_size(campaign)[0] if campaign.metadata.own_frames else SESSION
     arrays: dict[str, Any] = {
         "drives": possible.drives,

@@ -112,10 +112,10 @@ def regions(data: FreeResiduals, given: Conditions) -> list[Finding]:
     lengths = ~data.turning
     squares = np.bincount(data.row[lengths], ((data.cleared * data.sigma) ** 2)[lengths], n)
     counts = np.bincount(data.row[lengths], minlength=n)
-    seen = expected > 1e-9
+    counted = expected > 1e-9
     found = []
     for words, inside in _parts(given):
-        here, there = inside & seen, ~inside & seen
+        here, there = inside & counted, ~inside & counted
         if min(here.sum(), there.sum()) < _FEWEST or not (counts[here].any() and counts[there].any()):
             continue
         p_value = larger(score[here], score[there])

@@ -236,17 +236,17 @@ class Discrepancy(ProjectedProcesses):
         problem, columns = self.hypothesis.problem, self.hypothesis.columns
         whole = together.explained(means, columns)
         for one in together.members:
-            own, seen = together.columns_of(one), one.conditioned.base
+            own, base = together.columns_of(one), one.conditioned.base
             mean, covariance = one.amplitude * means[own], one.amplitude**2 * covariances[own, own]
-            places = [*zip(seen.parts, seen.spans, strict=True)]
+            places = [*zip(base.parts, base.spans, strict=True)]
             movement = np.column_stack([part.course @ mean[place] for part, place in places])
             std = np.column_stack([np.sqrt(part.variances(covariance[place, place])) for part, place in places])
-            part = problem.nuisance.cleared(sum(seen.pieces(mean), np.zeros(len(columns))))
+            part = problem.nuisance.cleared(sum(base.pieces(mean), np.zeros(len(columns))))
             worth = together.others(one).fitted(one.name).evidence
             missed = problem.nuisance.cleared(
                 whole - together.explained(together.conditional.means_without(own), columns)
             )
-            yield Summand(one.process, seen.length, one.amplitude, worth, rms(part), part, missed, movement, std)
+            yield Summand(one.process, base.length, one.amplitude, worth, rms(part), part, missed, movement, std)
 
     def _again(self, summands: Sequence[Summand]) -> ProcessSum:
         """Return the sum from which summands were made."""

@@ -157,14 +157,14 @@ class ProjectedProcesses:
 
     def without(self, indices: Sequence[int]) -> Self:
         """Return the same for the hypothesis without some of its items, such as those of a cause."""
-        asked = tuple(indices)
-        if asked not in self._less:
+        entry = tuple(indices)
+        if entry not in self._less:
             fewer = self.hypothesis.without(indices)
             places = self.hypothesis.everything.places.tolist()
             own = np.array([places.index(k) for k in fewer.everything.places.tolist()], dtype=np.intp)
             every = ([replace(one, shared=one.shared[own]) for one in lengths] for lengths in self._every.values())
-            self._less[asked] = type(self)(fewer, every)
-        return self._less[asked]
+            self._less[entry] = type(self)(fewer, every)
+        return self._less[entry]
 
     def over(self, times: FloatArray) -> Self:
         """Return the same where the noise of each equation is multiplied by its own factor, (m,)."""
