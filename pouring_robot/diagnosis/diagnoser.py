@@ -39,7 +39,7 @@ _TRIED = 3
 _FREE = 1e-9
 """Prior precision of a free unknown over that of the data: negligible, but enough where only rounding determines it."""
 _TRUST = 0.25
-"""Largest error of a step's linear prediction, as a share of the step's square."""
+"""Largest squared error of a step's linear prediction, as a share of the step's square."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -117,7 +117,7 @@ def candidates(campaign: Campaign, model: RobotModel, count: int, seed: int) -> 
     }
     made |= {name: np.round(random.uniform(*limits, count), 2) for name, limits in travels.items()}
     for kind in causes_of(campaign.robot).thermometers:
-        # A load heats parts only while it is carried; they are still hot just after it was poured out.
+        # Only a load that is carried is hot; parts are still hot just after it was poured out.
         heated = hot & (made["payload"] > 0.0) if kind.hot_degC is not None else hot
         made |= {member: _warm(kind, campaign.quantity(member), cold, heated) for member in kind.members}
     kept = {name: values for name, values in made.items() if name in campaign.conditions}

@@ -121,7 +121,7 @@ class Separation:
 
     first: str  # the better explanation so far
     second: str  # the other one
-    now_nats: float  # log evidence difference between the first and the second so far
+    now_nats: float  # log evidence of the first minus that of the second so far
     expected_nats: float  # its expected growth in favour of the right one, whichever that is
     random_median_nats: float  # the same for as many measurements chosen at random
     how: str  # how to distinguish them
