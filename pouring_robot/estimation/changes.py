@@ -16,7 +16,7 @@ SCALE = "metrology.scale"
 
 @dataclass(frozen=True, eq=False)
 class RowChanges:
-    """What is changed in each of n rows, in m and rad."""
+    """What conditions change in each of n rows, in m and rad."""
 
     drives: FloatArray  # added to the commanded drives, (n, D)
     placements: FloatArray  # displacement of every site, (n, sites * 6)
@@ -25,7 +25,7 @@ class RowChanges:
 
     @classmethod
     def of(cls, local: Mapping[str, FloatArray], structure: Structure, rows: int) -> RowChanges:
-        """Take the changes of local parameters by name, (n,) each, in m and rad; none: nothing is changed."""
+        """Return the changes of local parameters by name, (n,) each, in m and rad; what is not named is unchanged."""
         drives = structure.mechanism.loops.drives
         shapes = ((rows, len(drives)), (rows, 6 * structure.site_count), (rows, 6), (rows,))
         total = cls(*(np.zeros(shape) for shape in shapes))
@@ -42,14 +42,14 @@ class RowChanges:
         return total
 
     def __add__(self, other: RowChanges) -> RowChanges:
-        """Return both changes together; to first order in the rotations at one joint."""
+        """Return the sum of both changes; to first order in the rotations at one joint."""
         return RowChanges(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
     def __getitem__(self, rows: Indices | BoolArray) -> RowChanges:
         return RowChanges(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def among(self, rows: Indices, count: int) -> RowChanges:
-        """Return them as those of some among ``count`` rows, by index; the others are unchanged."""
+        """Return these changes as those of some of ``count`` rows, by index; the others are unchanged."""
         whole = {field.name: np.zeros((count, *getattr(self, field.name).shape[1:])) for field in fields(self)}
         for name, values in whole.items():
             values[rows] = getattr(self, name)

@@ -1,7 +1,8 @@
-"""Where a fit starts: both outer frames, of the present robot, fitted to whatever was measured.
+"""Where a fit starts: both outer frames, for the present robot, fitted to whatever was measured.
 
-Of enough whole positions by :mod:`pouring_robot.estimation.frames.fit`; of single coordinates and distances from many
-starts, as least squares by Levenberg and Marquardt. Both by the measurement model, which rests on the folder of frames.
+With enough complete positions :mod:`pouring_robot.estimation.frames.fit` fits them; with single coordinates and
+distances, least squares by Levenberg-Marquardt from many starts. Both need the measurement model, which imports the
+folder of frames.
 """
 
 from dataclasses import replace
@@ -24,10 +25,10 @@ _STEPS, _SETTLED, _LEAST_DAMPING, _MOST_DAMPING = 60, 1e-9, 1e-9, 1e6
 
 
 def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
-    """Return where to start: both outer frames fitted robustly to the present robot, all parameters zero.
+    """Return where to start: both outer frames fitted robustly for the present robot, all parameters zero.
 
-    Where too few rows have a complete position, single coordinates and distances serve; without any, there are no
-    frames, and they stay at one. Raises FrameFitError if something was measured of places, but of too few rows.
+    Where too few rows have a complete position, single coordinates and distances are used; without any, there are no
+    frames, and both stay the identity. Raises FrameFitError if positions were measured, but in too few rows.
     """
     closure = rows.present()
     poses = PoseStack(closure.position, closure.rotation)
@@ -43,16 +44,16 @@ def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
 
 
 def _searched_frames(measured: MeasuredPoses, closure: BatchClosure) -> OuterFrames:
-    """Return the frames that fit best to whatever was measured of places: coordinates, distances, a few positions.
+    """Return the frames that best fit whatever was measured of positions: coordinates, distances, a few positions.
 
-    Least squares from many starts, of the present robot: the 24 ways of laying axes along axes, each shifted so that
-    what coordinates there are agree on average; for distances, to all sides of the device at the mean distance. Frames
-    that the data leave open stay near their start.
+    Least squares from many starts, for the present robot: the 24 rotations that align axes with axes, each shifted so
+    that the measured coordinates agree on average; for distances, to all sides of the device at the mean distance.
+    Frames that the data leave open stay near their start.
     """
-    seen = measured.known[:, : FRAMES // 2 + 1]
-    told = seen.any(axis=1) & closure.closed
-    places = told & seen[:, ~are("rotation", np.arange(seen.shape[1]))].any(axis=1)
-    if told.sum() < FEWEST_FOR_FRAMES or not places.any():
+    known = measured.known[:, : FRAMES // 2 + 1]
+    used = known.any(axis=1) & closure.closed
+    places = used & known[:, ~are("rotation", np.arange(known.shape[1]))].any(axis=1)
+    if used.sum() < FEWEST_FOR_FRAMES or not places.any():
         raise FrameFitError(int(places.sum()), FEWEST_FOR_FRAMES)
     found = [_refined(measured, closure, start) for start in _starts(measured, closure)]
     return min(found, key=lambda one: one[0])[1]
@@ -81,7 +82,7 @@ def _refined(measured: MeasuredPoses, closure: BatchClosure, frames: OuterFrames
     for _ in range(_STEPS):
         jacobian = equations.derivatives
         normal = jacobian.T @ jacobian
-        # Also of directions of which nothing is told, where round-off would choose the step.
+        # Also along directions that the data leave open, where round-off would determine the step.
         hold = (damping * np.trace(normal) / FRAMES + FRAME_STD**-2) * np.eye(FRAMES)
         step: FloatArray = -np.linalg.solve(normal + hold, jacobian.T @ equations.residual)
         moved = frames.moved(step)

@@ -1,12 +1,12 @@
-r"""Base parameters: which combinations of the unknowns the measurements determine, and which they never can.
+r"""Base parameters: which combinations of the unknowns the measurements determine, and which they cannot.
 
-Columns of the whitened regressor W that depend on each other move the ladle alike at every measured pose; only a
-combination of them can be identified. QR with column pivoting, :math:`W P = Q [R_1 R_2; 0\ 0]`, splits them into base
-columns and dependent ones, :math:`W_d = W_b R_1^{-1} R_2` (Gautier, *Numerical calculation of the base inertial
-parameters of robots*, J. Robotic Systems 8, 1991; Gautier & Khalil, IEEE T-RA 6, 1990). How well the base is determined
-observability indices say, each larger for better poses (Hollerbach & Wampler, *The calibration index and taxonomy for
-robot kinematic calibration methods*, IJRR 15, 1996; Sun & Hollerbach, *Observability index selection for robot
-calibration*, ICRA 2008), of n poses and the singular values :math:`\sigma_1 \ge \dots \ge \sigma_m`:
+Linearly dependent columns of the whitened regressor W move the ladle alike at every measured pose; only a combination
+of them can be identified. QR with column pivoting, :math:`W P = Q [R_1 R_2; 0\ 0]`, splits them into base columns and
+dependent ones, :math:`W_d = W_b R_1^{-1} R_2` (Gautier, *Numerical calculation of the base inertial parameters of
+robots*, J. Robotic Systems 8, 1991; Gautier & Khalil, IEEE T-RA 6, 1990). Observability indices state how well the base
+is determined, each larger for better poses (Hollerbach & Wampler, *The calibration index and taxonomy for robot
+kinematic calibration methods*, IJRR 15, 1996; Sun & Hollerbach, *Observability index selection for robot calibration*,
+ICRA 2008), for n poses and the singular values :math:`\sigma_1 \ge \dots \ge \sigma_m`:
 
 ====  ==========================================  ==========================================================
 O1    :math:`(\sigma_1 \cdots \sigma_m)^{1/m} / \sqrt n`  Borm and Menq 1991; the best plan is the D_s-optimal one
@@ -16,7 +16,7 @@ O4    :math:`\sigma_m^2 / \sigma_1`                Nahvi and Hollerbach 1996, no
 O5    :math:`1 / \sum_k 1/\sigma_k`                Sun and Hollerbach 2008
 ====  ==========================================  ==========================================================
 
-Only O1 does not depend on the units of the parameters; the others mean columns per unit of comparable size.
+Only O1 does not depend on the units of the parameters; the others assume parameters in units of comparable size.
 """
 
 from collections.abc import Sequence
@@ -34,21 +34,22 @@ Criterion = Literal["D", "O1", "O2", "O3", "O4", "O5"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)  # observability indices; D is O1
 _ENDS = {"O2": (1, -1), "O3": (1, 0), "O4": (2, -1)}  # powers of the least and the largest singular value
 RANK_TOLERANCE = 1e-9
-"""Below it, round-off of an exact zero: of a column's length against the longest (per metre and per radian), and of
-a singular value against the largest, columns scaled to unit length. Solving for G magnifies round-off of 2e-16 by the
-closure's condition: analytic zeros come out at up to 2e-11 on the drawing, the least true column at 2e-2 and the least
-true singular value at 1e-6, so that the threshold lies in a gap of four decades and more (a test holds it there)."""
+"""Anything below is round-off of an exact zero: of a column's length against the longest (per metre and per radian),
+and of a singular value against the largest, with columns scaled to unit length. Solving for G magnifies round-off of
+2e-16 by the closure's condition number: analytic zeros come out at up to 2e-11 on the drawing, the least true column at
+2e-2 and the least true singular value at 1e-6, so the threshold is in a gap of four decades and more (a test checks
+this)."""
 _NO_SHARE = 1e-6
 _TIE = 1e-7  # above what updated column norms lose in pivoting, √ε = 1.5e-8 (LAPACK Working Note 176)
 
 
 @dataclass(frozen=True)
 class DependentGroup:
-    """Unknowns that are tied together: fewer combinations of them can be identified than there are members."""
+    """Linearly dependent unknowns: fewer combinations of them can be identified than there are members."""
 
     members: tuple[str, ...]  # their names
     combinations: tuple[dict[str, float], ...]  # identifiable: for each base member every member's share per unit
-    hidden: int  # number of directions that no measurement of these poses shows
+    hidden: int  # number of directions that no measurement at these poses shows
 
     def texts(self) -> tuple[str, ...]:
         """Return each identifiable combination as a line: ``leg1_s1.tx + 0.5 leg1_s2.tx``."""
@@ -67,13 +68,13 @@ def combination_text(combination: dict[str, float]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class BaseParameters:
-    """What a regressor can tell."""
+    """What a regressor determines."""
 
     names: tuple[str, ...]  # of its columns
     rank: int  # number of combinations that are determined
     singular: FloatArray  # singular values of the columns scaled to unit length, shape (K,)
     base: tuple[str, ...]  # names of the columns kept by pivoting; the others depend on them
-    groups: tuple[DependentGroup, ...]  # unknowns tied together
+    groups: tuple[DependentGroup, ...]  # of dependent unknowns
     unseen: tuple[str, ...]  # columns that are zero: no measurement changes with them
 
     @property
@@ -87,8 +88,8 @@ def base_parameters(
 ) -> BaseParameters:
     """Split the K named columns of a whitened regressor (m, K).
 
-    Names in ``lead``, the frames, say, stand for their group where there is a choice; for ``tolerance`` see
-    :data:`RANK_TOLERANCE`. Raises BadInputError if the shapes do not fit or the matrix is not finite.
+    Names in ``lead``, such as the frames, represent their group where there is a choice; for ``tolerance`` see
+    :data:`RANK_TOLERANCE`. Raises BadInputError if the shapes do not match or the matrix is not finite.
     """
     names = tuple(names)
     if matrix.ndim != 2 or matrix.shape[1] != len(names) or not np.isfinite(matrix).all():
@@ -96,12 +97,12 @@ def base_parameters(
     lengths = np.linalg.norm(matrix, axis=0)
     seen = lengths > tolerance * max(float(lengths.max(initial=0.0)), np.finfo(float).tiny)
     scale = np.where(seen, lengths, 1.0)
-    # QR first: from here on m no longer counts. Columns that are zero stay zero exactly.
+    # QR first: from here on m does not matter. Columns that are zero stay exactly zero.
     compact = np.asarray(np.linalg.qr(np.where(seen, matrix / scale, 0.0), mode="r"), dtype=np.float64)
     singular = np.linalg.svd(compact, compute_uv=False)
     singular = np.r_[singular, np.zeros(len(names) - singular.size)]
     rank = int((singular > tolerance * singular[0]).sum()) if seen.any() else 0
-    # The robot is symmetric, so columns tie; the earlier one then stands for them, not the one round-off favours.
+    # The robot is symmetric, so columns tie; the earlier one then represents them, not the one round-off favours.
     weight = np.array([1e3 if name in lead else 1.0 for name in names]) * (1.0 - _TIE * np.arange(len(names)))
     _, _, pivots = scipy.linalg.qr(compact * weight, mode="economic", pivoting=True)
     kept, dependent = pivots[:rank], pivots[rank:]
@@ -111,9 +112,9 @@ def base_parameters(
 
 
 def robot_combinations(base: BaseParameters, frames: Sequence[str]) -> list[dict[str, float]]:
-    """Return the identifiable combinations without the outer frames, by whose names the base was led.
+    """Return the identifiable combinations without the outer frames, which led the base parameters.
 
-    Base columns that lead no group stand alone.
+    Base columns that belong to no group are combinations by themselves.
     """
     tied = [combination for group in base.groups for combination in group.combinations]
     members = {name for group in base.groups for name in group.members}
@@ -124,7 +125,7 @@ def robot_combinations(base: BaseParameters, frames: Sequence[str]) -> list[dict
 def _groups(
     names: tuple[str, ...], kept: np.ndarray, dependent: np.ndarray, shares: FloatArray, scale: FloatArray
 ) -> tuple[DependentGroup, ...]:
-    """Return the connected parts: a dependent column ties together all base columns it is a combination of."""
+    """Return the connected parts: a dependent column connects all base columns it is a combination of."""
     graph = np.zeros((len(names), len(names)))  # of all unknowns: which dependent one has a share of which base
     graph[np.ix_(kept, dependent)] = np.where(np.abs(shares) > _NO_SHARE, shares, 0.0)
     parts = connected_components(graph, directed=False)[1]
@@ -142,7 +143,7 @@ def _groups(
 
 
 def observability_index(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:
-    """Return an observability index of singular values (..., m), not negative; D is O1, which counts the poses.
+    """Return an observability index of non-negative singular values (..., m); D is O1, which depends on ``poses``.
 
     Shape (...), larger is better; 0 where a combination is not determined.
     """
@@ -158,7 +159,7 @@ def observability_index(singular_values: FloatArray, criterion: Criterion, poses
 
 
 def index_slopes(singular_values: FloatArray, criterion: Criterion, poses: int) -> FloatArray:
-    """Return the derivative of an index by the squares of the singular values; both of shape (m,)."""
+    """Return the derivative of an index by the squares of the singular values; both have the shape (m,)."""
     values = np.maximum(singular_values, RANK_TOLERANCE * np.max(singular_values))
     index, places = observability_index(values, criterion, poses), np.arange(len(values))
     power = index / values if criterion == "O5" else np.full(len(values), 1.0 / len(values))  # of each in the index
@@ -169,5 +170,5 @@ def index_slopes(singular_values: FloatArray, criterion: Criterion, poses: int) 
 
 
 def observability(singular: FloatArray, rows: int) -> dict[str, float]:
-    """Return the observability indices O1 to O5, by name, of singular values (r,) of so many poses; 0 without any."""
+    """Return the observability indices O1 to O5, by name, of singular values (r,) for so many poses; 0 without any."""
     return {name: float(observability_index(singular, name, rows)) if singular.size else 0.0 for name in CRITERIA[1:]}

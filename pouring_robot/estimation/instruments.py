@@ -1,4 +1,4 @@
-"""What can be measured of a row: how far each instrument reads from the prediction, how that moves, how noisy it is.
+"""What can be measured in a row: how far each instrument's reading is from the prediction, its derivatives and noise.
 
 ============  =======================================  =========================  ==================================
 kind          columns of a campaign                    components                 noise in the YAML
@@ -10,7 +10,7 @@ closure       none: drives that are redundant          closure, … in m        
 ============  =======================================  =========================  ==================================
 
 A distance is that of the target from the origin of the device's frame, which is unknown like all of that frame, or from
-its place in the row that ``distance_from`` names. A closure is what redundant drives disagree by
+the target's position in the row that ``distance_from`` names. A closure is what redundant drives disagree by
 (:mod:`pouring_robot.mechanism.closure.redundancy`); it should be zero. Another instrument is another class here, its
 columns in :mod:`pouring_robot.campaign.columns`, and its noise in :mod:`pouring_robot.campaign.metadata`.
 """
@@ -31,16 +31,16 @@ from pouring_robot.mechanism.rotations import inverse_right_jacobians, rotation_
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """What n readings do as the rows alone move that they start from."""
+    """Derivatives of n readings by the rows they start from alone."""
 
-    row: Indices  # which row that is, as the prediction counts them, (n,); -1: none
+    row: Indices  # which row that is, by its place in the prediction, (n,); -1: none
     jacobian: FloatArray  # derivative of the predicted reading by the unknowns there, (n, 12 + P)
-    stretched: FloatArray  # by the device's scale there, (n,), in m per one
+    stretched: FloatArray  # derivative by the device's scale there, (n,), in m per one
 
 
 @dataclass(frozen=True, eq=False)
 class Instrument(ABC):
-    """What one kind of instrument read in n rows: arrays of n rows each, what was measured first."""
+    """The readings of one kind of instrument in n rows: arrays of n rows each, what was measured first."""
 
     kind: ClassVar[Kind]  # what it measures
     sigma: float  # standard deviation of a component, in m or rad
@@ -63,15 +63,15 @@ class Instrument(ABC):
         """Return the derivative of :meth:`difference` by the unknowns, (n, k, 12 + P)."""
 
     def stretched(self, prediction: Prediction) -> FloatArray:
-        """Return how the reading grows with the device's scale, (n, k), in m or rad per one; by default not at all."""
+        """Return the derivative of the reading by the device's scale, (n, k), in m or rad per one; by default zero."""
         return np.zeros(self.known.shape)
 
     def starts(self, prediction: Prediction) -> Starts | None:
-        """Return what of the readings is due to rows they start from, beside their own; by default nothing."""
+        """Return the derivatives by rows that readings start from, besides their own; by default there are none."""
         return None
 
     def where(self, kept: BoolArray) -> Self:
-        """Return the same with the other rows not measured; ``kept`` is a mask (n,)."""
+        """Return the same with the other rows as not measured; ``kept`` is a mask (n,)."""
         name, values = next(iter(self._arrays().items()))
         mask = kept.reshape(-1, *[1] * (values.ndim - 1))
         changed: dict[str, Any] = {name: values & mask if values.dtype == bool else np.where(mask, values, np.nan)}
@@ -101,7 +101,7 @@ class Places(Instrument):
         return np.asarray(self.position_m - prediction.position_m)
 
     def jacobian(self, prediction: Prediction) -> FloatArray:
-        """As the position moves."""
+        """Minus that of the position."""
         return -prediction.derivatives[:, :3]
 
     def stretched(self, prediction: Prediction) -> FloatArray:
@@ -123,7 +123,7 @@ class Orientations(Instrument):
         return np.repeat(turned[:, None], 3, axis=1)
 
     def difference(self, prediction: Prediction) -> FloatArray:
-        """As rotation vector that turns the predicted axes into the measured ones, in tracker axes."""
+        """As the rotation vector that turns the predicted axes into the measured ones, in tracker axes."""
         return rotation_vectors(self.rotation, since=prediction.rotation)
 
     def jacobian(self, prediction: Prediction) -> FloatArray:
@@ -137,7 +137,7 @@ class Distances(Instrument):
 
     distance_m: FloatArray  # (n,), in m; NaN where missing
     row: Indices  # number of the row in its campaign, (n,)
-    start: Indices  # that it is measured from, (n,); -1 for the fixed point, -2 where that row is left out
+    start: Indices  # number of the row it is measured from, (n,); -1 for the fixed point, -2 where it is left out
     kind: ClassVar[Kind] = "distance"
 
     @property
@@ -147,7 +147,7 @@ class Distances(Instrument):
         return np.asarray((np.isfinite(self.distance_m) & there)[:, None])
 
     def _lines(self, prediction: Prediction) -> tuple[FloatArray, Indices]:
-        """Return the vector to the target, (n, 3), and the place of the row it starts from, (n,); -1: a fixed point."""
+        """Return the vector to the target, (n, 3), and the index of the row it starts from, (n,); -1: a fixed point."""
         order = np.argsort(self.row)
         at = order[np.searchsorted(self.row[order], self.start).clip(max=len(order) - 1)]
         at = np.where(self.start < 0, -1, at)
@@ -167,7 +167,7 @@ class Distances(Instrument):
         return np.asarray(-np.einsum("nc,ncp->np", _unit(line), moved)[:, None])
 
     def starts(self, prediction: Prediction) -> Starts | None:
-        """As the places move that distances between rows start from."""
+        """Of the positions that distances between rows start from."""
         line, at = self._lines(prediction)
         if (at < 0).all():
             return None
@@ -189,7 +189,7 @@ def _unit(lines: FloatArray) -> FloatArray:
 class Closures(Instrument):
     """What redundant drives disagree by, (n, r): measured as zero in rows where all of them are known."""
 
-    whole: BoolArray  # which rows those are, in each of the r directions, (n, r)
+    whole: BoolArray  # which rows these are, in each of the r directions, (n, r)
     kind: ClassVar[Kind] = "closure"
 
     @property
@@ -198,18 +198,18 @@ class Closures(Instrument):
         return self.whole
 
     def difference(self, prediction: Prediction) -> FloatArray:
-        """Nothing minus the disagreement."""
+        """Zero minus the disagreement."""
         return np.where(self.whole, -prediction.closure.disagreement, np.nan)
 
     def jacobian(self, prediction: Prediction) -> FloatArray:
-        """As the disagreement changes; the frames have no part in it."""
+        """Minus that of the disagreement, which does not depend on the frames."""
         if prediction.disagreement is None:
             raise BadInputError("the prediction's engine knows nothing of redundant drives")
         return -prediction.disagreement
 
 
 def instruments_of(campaign: Campaign) -> tuple[Places, Orientations, *tuple[Instrument, ...]]:
-    """Return what was measured in a campaign, in the order of components, each with a noise of 1 m or rad for now.
+    """Return what was measured in a campaign, in the order of components, each with a provisional noise of 1 m or rad.
 
     Rows without all drives count as not measured.
     """
@@ -218,7 +218,7 @@ def instruments_of(campaign: Campaign) -> tuple[Places, Orientations, *tuple[Ins
     redundant, distance = campaign.redundant_drives, campaign.distance_m
     if redundant or distance is not None:
         length = np.full(len(campaign), np.nan) if distance is None else np.where(usable, distance[:, 0], np.nan)
-        # Components have places of their own: that of the distance stays empty where there are closures alone.
+        # Each component has its own column: that of the distance stays empty where there are closures alone.
         others.append(Distances(1.0, length, np.arange(len(campaign)), campaign.distance_start))
     if redundant:
         others.append(Closures(1.0, np.repeat(usable[:, None], redundant, axis=1)))

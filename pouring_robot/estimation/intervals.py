@@ -1,8 +1,8 @@
-"""95 % intervals, of normal values, in figures and as text: those of a calibration and those of a diagnosis.
+"""95 % intervals of normal values, in figures and as text: those of a calibration and those of a diagnosis.
 
-Where standard deviations come from: of all unknowns of a calibration, ``covariances`` of a
-:class:`~pouring_robot.estimation.map_fit.Fit`; of the ladle, these carried to the lip
-(:func:`~pouring_robot.calibration.metrics.ladle_uncertainty`); of effects, ``Diagnoser.covariances``
+Where standard deviations come from: for all unknowns of a calibration, ``covariances`` of a
+:class:`~pouring_robot.estimation.map_fit.Fit`; for the ladle, these propagated to the lip
+(:func:`~pouring_robot.calibration.metrics.ladle_uncertainty`); for effects, ``Diagnoser.covariances``
 (:mod:`pouring_robot.diagnosis.diagnoser`).
 """
 
@@ -15,13 +15,13 @@ from scipy.special import ndtr, stdtrit
 from pouring_robot.io.figures import two_digits
 from pouring_robot.mechanism.arrays import FloatArray
 
-Z95 = 1.959963984540054  # half the 95 % interval of a normal value in standard deviations: its quantile of 0.975
+Z95 = 1.959963984540054  # half the 95 % interval of a normal value in standard deviations: its 0.975 quantile
 
 
 def student(deviations: float, dof: float) -> float:
-    """Return what Student's t of so many degrees of freedom exceeds as seldom as a normal value exceeds deviations.
+    """Return the quantile of Student's t with the same probability as a normal value of so many ``deviations``.
 
-    Without any degree of freedom nothing is known of a standard deviation: infinite.
+    Without any degree of freedom nothing is known about the standard deviation: infinite.
     """
     if math.isinf(dof):
         return deviations
@@ -29,26 +29,26 @@ def student(deviations: float, dof: float) -> float:
 
 
 def deviations95(dof: float) -> float:
-    """Return half the 95 % interval in standard deviations that so many degrees of freedom tell: Student's t."""
+    """Return half the 95 % interval in standard deviations with so many degrees of freedom: Student's t."""
     return student(Z95, dof)
 
 
 def largest_std(directions: FloatArray, covariances: Iterable[FloatArray]) -> FloatArray:
-    """Return the standard deviation of combinations of unknowns, (..., k) to (...), by that covariance which says more.
+    """Return the standard deviation of combinations of unknowns, (..., k) to (...), by the larger of some covariances.
 
-    As Angrist & Pischke, Mostly harmless econometrics (2009), ch. 8, advise of a robust one beside that of the model:
-    what few blocks tell is itself uncertain, and by chance too small.
+    Angrist & Pischke, Mostly harmless econometrics (2009), ch. 8, advise this for a robust covariance besides that of
+    the model: an estimate from few blocks is itself uncertain, and may be too small by chance.
     """
     variances = [((directions @ covariance) * directions).sum(axis=-1) for covariance in covariances]
     return np.asarray(np.sqrt(np.maximum(np.max(variances, axis=0), 0.0)))
 
 
 class Estimate:
-    """What is a value with its standard deviation, both in the unit it is shown in."""
+    """A value with its standard deviation, both in the unit in which they are shown."""
 
     value: float
     std: float
-    dof: float  # degrees of freedom that tell the standard deviation; infinite where it is known
+    dof: float  # degrees of freedom of the standard deviation; infinite where it is known
 
     @property
     def half_width(self) -> float:
@@ -62,12 +62,12 @@ class Estimate:
 
     @property
     def moved(self) -> bool:
-        """Whether the 95 % interval leaves out zero."""
+        """Whether the 95 % interval excludes zero."""
         return abs(self.value) > self.half_width
 
 
 def value_and_half_width(value: float, std: float, dof: float) -> tuple[str, str]:
-    """Return a value and its 95 % half width as text, two digits of the latter; ``dof`` tell the std."""
+    """Return a value and its 95 % half width as text, with two digits of the latter; ``dof`` are those of ``std``."""
     half = deviations95(dof) * std
     digits = two_digits(half)
     return f"{value:+z.{digits}f}", f"{half:.{digits}f}"

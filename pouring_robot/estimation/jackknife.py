@@ -1,11 +1,11 @@
-r"""How far an answer scatters where what is left is no noise: found again without each block of rows in turn.
+r"""How far an estimate scatters where residuals are not only noise: it is found again without each block of rows.
 
-What an effect that the model lacks leaves over hangs together from row to row, so that n rows tell less than n of a
-noise as large. The delete-a-group jackknife (Efron, *The jackknife, the bootstrap and other resampling plans*, 1982)
-asks the rows themselves, whole blocks of them: it is the cluster-robust covariance CV3J of econometrics, the sandwich
-of Huber and White with each block's leverage taken out, known to as many degrees of freedom as there are blocks, less
-one (Cameron & Miller, *A practitioner's guide to cluster-robust inference*, J. Human Resources 50, 2015; MacKinnon,
-Nielsen & Webb, *Cluster-robust inference: a guide to empirical practice*, J. Econometrics 232, 2023).
+The residuals that a missing effect leaves are correlated from row to row, so n rows determine less than n rows with
+noise of the same size. The delete-a-group jackknife (Efron, *The jackknife, the bootstrap and other resampling plans*,
+1982) measures this by whole blocks of rows: it is the cluster-robust covariance CV3J of econometrics, the sandwich of
+Huber and White with each block's leverage taken out, with as many degrees of freedom as there are blocks, less one
+(Cameron & Miller, *A practitioner's guide to cluster-robust inference*, J. Human Resources 50, 2015; MacKinnon, Nielsen
+& Webb, *Cluster-robust inference: a guide to empirical practice*, J. Econometrics 232, 2023).
 """
 
 import math
@@ -24,22 +24,22 @@ def jackknife_covariance(
     precision: FloatArray | float = 1.0,
     dof: float = math.inf,
 ) -> FloatArray:
-    """Return the covariance of an answer at ``place``, (k,), by how far blocks of equations scatter it, (k, k).
+    """Return the covariance, (k, k), of an estimate at ``place``, (k,), from its scatter over blocks of equations.
 
-    Of each block its derivatives, (m, k), and what is left there, (m,); both are over the noise and weighted. Without
-    one of them the answer is a step of Gauss and Newton away. The prior of each unknown has a mean of zero and the
-    inverse of ``precision``, (k,) or all alike, as variance: priors are no data and in no block, and hold as before,
-    so that of the normal matrix A it is A^-1 (M + precision) A^-1, M of the gradient of the data. What blocks scatter
-    counts as much more as Student's t of so few is wider than that of ``dof``, for intervals that are made
-    with these; one block alone tells of the priors only.
+    Each block has its derivatives, (m, k), and residuals, (m,), both divided by the noise and weighted. The estimate
+    without a block is one Gauss-Newton step away. The prior of each unknown has mean zero and variance one over
+    ``precision``, (k,) or all alike: priors are not data, are in no block, and hold as before, so that with the normal
+    matrix A the covariance is A^-1 (M + precision) A^-1, M being that of the gradient of the data. The scatter of the
+    blocks is enlarged by the ratio of Student's t for so few blocks to that for ``dof``, with which intervals are made;
+    with one block alone only the priors contribute.
     """
-    inner, pull = zip(*((own.T @ own, own.T @ left) for own, left in blocks), strict=True)
+    inner, pull = zip(*((own.T @ own, own.T @ residual) for own, residual in blocks), strict=True)
     held, moved = np.eye(place.size) * precision, []
     for k in range(len(inner)):
-        told, pulled = (sum((*part[:k], *part[k + 1 :])) for part in (inner, pull))
-        moved.append(-_solved(held + told, held @ place + pulled))
+        others, pulled = (sum((*part[:k], *part[k + 1 :])) for part in (inner, pull))
+        moved.append(-_solved(held + others, held @ place + pulled))
     apart = np.array(moved) - np.mean(moved, axis=0)
-    # One block alone scatters nothing, and of how many deviations that makes an interval nothing is known.
+    # One block alone has no scatter, and no number of deviations to make an interval of it.
     wider = deviations95(len(moved) - 1.0) / deviations95(dof) if len(moved) > 1 else 0.0
     by_priors = _solved(held + sum(inner), np.sqrt(held))
     return np.asarray(wider**2 * (len(moved) - 1) / len(moved) * apart.T @ apart + by_priors @ by_priors.T)
@@ -48,7 +48,8 @@ def jackknife_covariance(
 def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Return the solution for a positive definite matrix (k, k), in units in which its diagonal is one.
 
-    Of unknowns in units far apart SciPy would warn, though that costs no digits (van der Sluis, Numer. Math. 14, 1969).
+    For unknowns of very different units SciPy would warn, though no digits are lost (van der Sluis, Numer. Math. 14,
+    1969).
     """
     scale = 1.0 / np.sqrt(matrix.diagonal())
     solution = scipy.linalg.solve(scale[:, None] * matrix * scale, (scale * right.T).T, assume_a="pos")

@@ -1,4 +1,4 @@
-"""The kinds of what is measured, and the components of a row: their order, what they are called and shown in."""
+"""The kinds of what is measured, and the components of a row: their order, their names and the units of display."""
 
 from typing import Literal, get_args
 
@@ -15,12 +15,12 @@ _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz", "distance", "closure")
 
 
 def kind_of(components: Indices) -> Indices:
-    """Return the place in :data:`KINDS` of components, same shape."""
+    """Return the index in :data:`KINDS` of components, same shape."""
     return np.asarray(np.searchsorted(_FIRST, components, side="right") - 1, dtype=np.intp)
 
 
 def kinds_of(components: Indices) -> tuple[Kind, ...]:
-    """Return which kinds components are of, each once."""
+    """Return the kinds of components, each once."""
     return tuple(KINDS[place] for place in np.unique(kind_of(components)).tolist())
 
 
@@ -30,16 +30,16 @@ def are(kind: Kind, components: Indices) -> BoolArray:
 
 
 def component_name(component: int) -> str:
-    """Return what a component is called: ``x``, ``rz``, ``distance``, ``closure``, ``closure_2``."""
+    """Return the name of a component: ``x``, ``rz``, ``distance``, ``closure``, ``closure_2``."""
     last = len(_COMPONENTS) - 1
     return _COMPONENTS[component] if component <= last else f"{_COMPONENTS[last]}_{component - last + 1}"
 
 
 def unit_of(kind: Kind) -> tuple[str, float]:
-    """Return the unit that a kind is shown in, and how large it is (SI)."""
+    """Return the unit in which a kind is shown, and its size (SI)."""
     return shown_in("rad" if kind == "rotation" else "m")
 
 
 def component_shown_in(component: int) -> tuple[str, float]:
-    """Return the same of the kind of a component."""
+    """Return the same for the kind of a component."""
     return unit_of(KINDS[kind_of(np.asarray(component))])

@@ -1,14 +1,14 @@
 """Levenberg-Marquardt for curved valleys, on iteratively reweighted equations with the analytic Jacobian.
 
-Every variable is counted in its prior's standard deviation, so the prior is the unit matrix. Axis errors act on each
-other, and a pose the drawing does not show at first order moves at second: along combinations that the data hold
-loosely the cost is a curved valley, where plain Gauss-Newton creeps. Three things help, in this order: a correction
-that leads a step back to the valley's floor, steps lengthened by how the last ones shrank, and damping in the measure
-of the tolerances (which shortens steps along the valley and leaves the others). Second derivatives are measured at the
-answer, for its covariance; measured on the way they cost more than the steps they saved: calibrations of the pouring
-robot and of the hexapod took 1.5 and 4 times as long.
+Each variable is divided by its prior's standard deviation, so the prior is the unit matrix. Axis errors interact, and
+an error without a first-order effect on the pose may have one of second order: along combinations that the data
+determine weakly the cost is a curved valley, where plain Gauss-Newton converges slowly. Three things help, in this
+order: a correction that leads a step back to the valley's floor, lengthening of steps by the ratio in which the last
+ones shrank, and damping in the metric of the tolerances (which shortens steps along the valley and leaves the others).
+Second derivatives are measured at the solution, for its covariance; measured on the way they cost more than the steps
+they saved: calibrations of the pouring robot and of the hexapod took 1.5 and 4 times as long.
 
-scipy.optimize.least_squares needs 7 to 17 evaluations of 57 parameters from 40 poses (six robots, to 1e-6 of the cost)
+scipy.optimize.least_squares needs 7 to 17 evaluations for 57 parameters from 40 poses (six robots, to 1e-6 of the cost)
 where this needs 4 to 14 (nine robots), and its losses judge coordinates, not rows.
 """
 
@@ -25,17 +25,17 @@ from pouring_robot.estimation.robust import Loss, robust_terms, typical_size
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.mechanism.arrays import FloatArray
 
-# From which step length on (standard deviations of the answer) steps are lengthened, and by how much at most.
+# Steps shorter than this (standard deviations of the answer) are lengthened, and by how much at most.
 _LATE, _LONGEST_STRIDE = 10.0, 5.0
 _AS_EXPECTED = 0.25  # share of the expected gain below which a step has left the valley
-# Along combinations that the data hold this much firmer than the tolerances, second derivatives do not count.
+# Along combinations that the data hold this much more firmly than the tolerances, second derivatives do not count.
 _FIRM = 100.0
-# A search that ends at its limit is of use if its last step is no longer than this (standard deviations).
+# A search that ends at its limit is usable if its last step is no longer than this (standard deviations).
 _USABLE = 1.0
-# Residuals this many times the noise are a noise that no model of the robot keeps to.
+# With residuals this many times the noise, the stated noise is one that no model of the robot reaches.
 _FAR_OFF = 10.0
 _NUDGE, _LEAST_CURVATURE = 0.02, 0.3
-# Damping is counted in priors: 1 holds a step as firmly as the tolerances do.
+# Damping is in units of the priors: 1 holds a step as firmly as the tolerances do.
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1.0, 0.1, 1e16
 _HARDER, _SOFTER = 4.0, 0.2
 
@@ -51,7 +51,7 @@ class Trial(NamedTuple):
 
 
 class Search:
-    """The state is the best point so far, in the normal equations of prior-scaled variables.
+    """A search whose state is the best point so far, as normal equations of prior-scaled variables.
 
     It begins at ``start``; ``prior_std`` are those of all unknowns, (12 + P,), in m and rad. Raises CalibrationError if
     too few rows can be used.
@@ -74,10 +74,10 @@ class Search:
         self._take(start, prediction)
 
     def run(self, tolerance: float, most_evaluations: int) -> float:
-        """Search, and return the length of the step not taken any more, in standard deviations of the answer.
+        """Search, and return the length of the next step, which is not taken, in standard deviations of the answer.
 
-        It ends when a step is shorter than ``tolerance``, or all rows were predicted ``most_evaluations`` times; raises
-        CalibrationError if that is far from an answer.
+        The search ends when a step is shorter than ``tolerance``, or all rows were predicted ``most_evaluations``
+        times; raises CalibrationError if that is far from an answer.
         """
         damping = 0.0  # the problem is nearly linear: Gauss-Newton until a step fails
         stride, last = 1.0, np.zeros_like(self.gradient)
@@ -96,14 +96,14 @@ class Search:
                 last = step
                 damping = damping * _SOFTER if damping > _LEAST_DAMPING else 0.0
             elif length < tolerance:
-                return length  # what is left is round-off of the closure
+                return length  # what remains is round-off of the closure
             elif stride != 1.0:
                 stride, last = 1.0, np.zeros_like(step)
             else:
                 damping = max(damping * _HARDER, _FIRST_DAMPING)
 
     def _mend(self) -> str:
-        """Return what to do about a search that finds no answer."""
+        """Return what to do about a search that does not converge."""
         if self.widened > _FAR_OFF:
             return (
                 f"what is left is {self.widened:.0f} times the noise: state a noise that the model can keep to "
@@ -129,28 +129,28 @@ class Search:
         weighted = np.sqrt(self.weights)[:, None] * self.scaled
         place = unknowns.values / self.prior_std
         self.gradient = weighted.T @ (np.sqrt(self.weights) * self.equations.residual) + place
-        # The Hessian is its square. Orthogonal, since squares would drown the prior's 1 in the round-off of exact data.
+        # The Hessian is its square. By QR, as in squares the prior's 1 would be lost in the round-off of exact data.
         self.triangle = _triangle(weighted, np.eye(place.size))
 
     def step(self, damping: float) -> FloatArray:
         """Return the damped step in standard deviations of the prior."""
         factor = self.triangle
         if damping > 0.0:
-            # Products of errors bend the valley, so what must stay short is a step in the tolerances' measure, where
-            # loose combinations go far; firm ones are hardly damped.
+            # Products of errors bend the valley, so steps must be short in the metric of the tolerances, where weakly
+            # determined combinations move far; well determined ones are hardly damped.
             factor = _triangle(factor, np.sqrt(damping) * np.eye(len(factor)))
         return -_solve(factor, self.gradient)
 
     def try_step(self, step: FloatArray) -> bool:
-        """Go a step if that lowers the cost; widen the bound by what is left there.
+        """Take a step if that lowers the cost; the loss's bound is then widened by the residuals there.
 
-        The valley of the cost is curved where errors act by their products. Where a step leaves it, a second one with
-        the same Jacobian leads back to its floor (second-order correction), and both together are the step.
+        The valley of the cost is curved where products of errors have an effect. Where a step leaves it, a second one
+        with the same Jacobian leads back to its floor (second-order correction), and both together are the step.
         """
         trial = self._trial(step)
         if trial is not None and trial.cost > self.cost - _AS_EXPECTED * self.length(step) ** 2:
-            left = self.scaled.T @ (trial.weights * trial.equations.residual) + trial.unknowns.values / self.prior_std
-            better = self._trial(step - _solve(self.triangle, left))
+            slope = self.scaled.T @ (trial.weights * trial.equations.residual) + trial.unknowns.values / self.prior_std
+            better = self._trial(step - _solve(self.triangle, slope))
             trial = better if better is not None and better.cost < trial.cost else trial
         if trial is None or not trial.cost <= self.cost * (1.0 + 1e-10):
             return False
@@ -158,7 +158,7 @@ class Search:
         return True
 
     def _trial(self, step: FloatArray) -> Trial | None:
-        """Return what a step leads to; None where it bends the robot so far that rows which closed do not."""
+        """Return the point that a step leads to; None where it is so far that rows no longer close."""
         unknowns = self.unknowns.at(self.unknowns.values + self.prior_std * step)
         prediction = self._predict(unknowns)
         equations = whiten(self.measured, prediction)
@@ -167,14 +167,14 @@ class Search:
         return Trial(unknowns, prediction, equations, *self._judged(unknowns, equations))
 
     def length(self, step: FloatArray) -> float:
-        """Return a step's length in standard deviations of the answer, as the scatter of the rows has them."""
+        """Return a step's length in standard deviations of the answer, by the scatter of the rows."""
         return float(np.linalg.norm(self.triangle @ step)) / self.widened
 
     def _curved(self) -> FloatArray:
-        """Return the upper triangle with the second derivatives Σ r ∂²r that Gauss-Newton leaves out, where they count.
+        """Return the upper triangle with the second derivatives Σ r ∂²r that Gauss-Newton omits, where they matter.
 
-        Errors that act by their products bend the valley of the cost; along combinations that tolerances alone hold
-        (weak axes of the Hessian) that is as much as the Hessian itself. There the Jacobian is taken a nudge aside.
+        Products of errors bend the valley of the cost; along combinations that tolerances alone hold (weak axes of the
+        Hessian) this is as much as the Hessian itself. There the Jacobian is evaluated again at a small distance.
         """
         _, singular, right = np.linalg.svd(self.triangle)
         weak = singular**2 < _FIRM
@@ -196,10 +196,10 @@ class Search:
         return _triangle(firm, (principal * np.sqrt(curvature)).T)
 
     def stride(self, step: FloatArray, last: FloatArray, stride: float) -> float:
-        """Return by how much to lengthen a step.
+        """Return the factor by which to lengthen a step.
 
-        Gauss-Newton leaves out second derivatives, so that near the answer steps shrink by a steady ratio r. Were all
-        of one direction, a step longer by 1 / (1 - r) would end there (Aitken).
+        Gauss-Newton omits second derivatives, so near the answer steps shrink by a constant ratio r. If all had the
+        same direction, a step longer by 1 / (1 - r) would end there (Aitken).
         """
         before, now = self.triangle @ last, self.triangle @ step
         size = float(before @ before)

@@ -4,11 +4,11 @@ Minimised is
 
 .. math:: \sum_b \rho(s_b) + \sum_k (x_k / \sigma_k)^2, \quad s_b^2 = \sum_{c \in b} (r_c / \sigma_c)^2
 
-where a block b is what was measured of a kind in one row: one slip spoils all three coordinates. The robust loss is
-quadratic up to the bound that 99 % of sound blocks keep, widened while the median block is larger than noise makes it
-(far from the answer, or where the model lacks something). Where it is searched from:
-:mod:`pouring_robot.estimation.first_frames`; how: :mod:`pouring_robot.estimation.levenberg_marquardt`; which unknowns
-the measurements cannot tell: :mod:`pouring_robot.estimation.identifiability`.
+where a block b is what was measured of one kind in one row: one slip spoils all three coordinates. The robust loss is
+quadratic up to the bound within which 99 % of sound blocks lie; it is widened while the median block is larger than
+noise makes it (far from the answer, or where the model lacks something). The search starts from
+:mod:`pouring_robot.estimation.first_frames`; its method is :mod:`pouring_robot.estimation.levenberg_marquardt`; which
+unknowns the measurements cannot determine is found by :mod:`pouring_robot.estimation.identifiability`.
 """
 
 import functools
@@ -33,17 +33,17 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices, finite
 from pouring_robot.robot.model import RobotModel
 
 _NOISE_ROUNDS, _NOISE_SETTLED = 12, 0.01
-"""Of n equations the noise is known to 1 / sqrt(2 n): closer than 1 % only of more than 5000. Rounds are cheap, as each
-begins where the one before ended, so that even a noise that creeps settles."""
+"""From n equations the noise is known to 1 / sqrt(2 n): better than 1 % only from more than 5000. Rounds are cheap, as
+each begins where the last one ended, so that even a slowly converging noise settles."""
 
 
 def campaign_and_model(
     campaign: Campaign | Path | str, model: RobotModel | Path | str | None
 ) -> tuple[Campaign, RobotModel]:
-    """Return a campaign, read if need be, and the robot it is compared with: by default the drawing of its own.
+    """Return a campaign, read if need be, and the robot it is compared with: by default the drawing of its robot.
 
     Raises:
-        BadInputError: they are of two robots, or something else.
+        BadInputError: they are of two different robots, or of the wrong type.
         CampaignError, DescriptionError: a file of theirs is wrong.
     """
     if model is None and isinstance(campaign, Campaign) and campaign.robot.name != RobotModel().definition.name:
@@ -53,7 +53,7 @@ def campaign_and_model(
 
 
 def seen_from_one_place(campaign: Campaign, model: RobotModel) -> Campaign:
-    """Return a campaign seen from one place in all sessions, by the present robot; raises as :func:`in_one_frame`."""
+    """Return a campaign with all sessions in one frame, by the present robot; raises as :func:`in_one_frame`."""
     if not campaign.metadata.own_frames:
         return campaign
     closure = MeasurementModel(model, ()).at(campaign.drives).present()
@@ -67,7 +67,7 @@ class FitOptions(Options):
     loss: Loss = "huber"  # ``huber``, ``soft_l1`` or ``linear`` (no robustness)
     max_evaluations: int = 200  # how many times all rows may be predicted
     step_tolerance: float = 0.03  # the search ends when a step is shorter, in standard deviations of the answer
-    curvature: bool = False  # whether the covariance has second derivatives in it; about a prediction a parameter more
+    curvature: bool = False  # whether the covariance has second derivatives; costs about a prediction per parameter
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -79,19 +79,19 @@ class FitOptions(Options):
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """What was found."""
+    """The result of a fit."""
 
     unknowns: Unknowns  # the most probable values
     covariance: FloatArray  # of all unknowns given data and tolerances, shape (12 + P, 12 + P), in m and rad
     prior_std: FloatArray  # shape (12 + P,), in m and rad
     equations: WhitenedEquations  # whitened residuals and Jacobian at the answer
     weights: FloatArray  # of each equation by the robust loss, shape (m,)
-    shares: FloatArray  # of each, what noise makes of its squared weighted residual on average, shape (m,)
+    shares: FloatArray  # expectation of each squared weighted residual under noise alone, shape (m,)
     evaluations: int  # how many times all rows were predicted in the search
-    second_evaluations: int  # how many times they were to measure second derivatives
-    last_step: float  # length of the step not taken any more, in standard deviations of the answer
+    second_evaluations: int  # how many times they were, to measure second derivatives
+    last_step: float  # length of the next step, not taken, in standard deviations of the answer
     converged: bool  # whether that is below the tolerance; else the search ended at its limit
-    noise: NoiseLevel = field(default_factory=lambda: NoiseLevel({}))  # what tells it; nothing: it is stated
+    noise: NoiseLevel = field(default_factory=lambda: NoiseLevel({}))  # with its sources; empty: it is stated
     stretches: tuple[Indices, ...] = ()  # rows of the fit that were measured one after the other, by index
 
     @property
@@ -101,22 +101,22 @@ class Fit:
 
     @property
     def learnt(self) -> FloatArray:
-        """Share of each unknown's prior variance that the data take away under the noise as given, (12 + P,)."""
+        """Share of each unknown's prior variance that the data remove under the noise as given, (12 + P,)."""
         return np.asarray(1.0 - np.diagonal(self.covariance) / self.prior_std**2)
 
     @functools.cached_property
     def leverage(self) -> FloatArray:
-        """Share of each equation that the fit used up, shape (m,): diagonal of the hat matrix."""
+        """Leverage of each equation, the share that the fit used up, shape (m,): diagonal of the hat matrix."""
         rows = self.equations.derivatives
         return np.asarray(((rows @ self.covariance) * rows).sum(axis=1) * self.weights)
 
     @property
     def left_over(self) -> tuple[FloatArray, FloatArray]:
-        """Weighted residuals over their noise, (m,), and of each how much is left for the noise, (m,)."""
+        """Weighted residuals over their noise, (m,), and the share of each that is left for the noise, (m,)."""
         return self.weights * self.equations.residual, self.shares - self.leverage
 
     def dof(self) -> float:
-        """Return the equations left over for the noise."""
+        """Return the degrees of freedom left for the noise."""
         return float(self.left_over[1].sum())
 
     def chi_square(self) -> float:
@@ -124,50 +124,50 @@ class Fit:
         return float(np.square(self.left_over[0]).sum())
 
     def noise_ratio(self) -> float:
-        """Return the noise that the residuals show over the one assumed."""
+        """Return the ratio of the noise that the residuals show to the one assumed."""
         return noise_ratio(*self.left_over)
 
     @property
     def inflation(self) -> float:
-        """By how much residuals exceed the noise where that is no accident, or 1: as large it counts in deviations."""
+        """Ratio of residuals to noise where that is not chance, else 1: standard deviations are multiplied by it."""
         larger = self.noise_ratio()
-        if larger <= 1.0:  # as with nothing left over
+        if larger <= 1.0:  # as with no degree of freedom
             return 1.0
         chance = self.noise.lack_of_fit_p(self.chi_square(), self.dof(), float(self.shares.mean()))
         return larger if chance < FALSE_ALARMS else 1.0
 
     @property
     def interval_dof(self) -> float:
-        """Degrees of freedom that tell the standard deviations: those of the noise, unless residuals enlarge them."""
+        """Degrees of freedom of the standard deviations: those of the noise, unless residuals enlarge these."""
         return self.noise.dof if self.inflation == 1.0 else math.inf
 
     @property
     def inflated_covariance(self) -> FloatArray:
         """Covariance of all unknowns under the inflated noise, (12 + P, 12 + P), in m and rad.
 
-        What data tell, C^-1 - P^-1, counts by the inflation less; the tolerances P hold as before.
+        The information of the data, C^-1 - P^-1, is reduced by the inflation; the tolerances P hold as before.
         """
         more, share = self.inflation**2 - 1.0, self.covariance / self._scale
         return np.asarray(self._scale * (1.0 + more) * np.linalg.solve(np.eye(len(share)) + more * share, share))
 
     @property
     def scattered_covariance(self) -> FloatArray:
-        """The same by how far stretches of rows scatter the answer, see :mod:`~.jackknife`."""
+        """The same from the scatter of the answer over stretches of rows, see :mod:`~.jackknife`."""
         equations, root = self.equations, np.sqrt(self.weights)
-        rows, left = root[:, None] * equations.derivatives * self.prior_std, root * equations.residual
+        rows, residual = root[:, None] * equations.derivatives * self.prior_std, root * equations.residual
         blocks = [own for stretch in self.stretches if (own := np.isin(equations.rows, stretch)).any()]
-        parts, place = ((rows[block], left[block]) for block in blocks), self.unknowns.values / self.prior_std
+        parts, place = ((rows[block], residual[block]) for block in blocks), self.unknowns.values / self.prior_std
         return np.asarray(self._scale * jackknife_covariance(parts, place, dof=self.interval_dof))
 
     @functools.cached_property
     def covariances(self) -> tuple[FloatArray, ...]:
-        """Those of which users are told what :func:`~.intervals.largest_std` takes from them.
+        """The covariances from which :func:`~.intervals.largest_std` takes the reported standard deviations.
 
-        Where more may be left than noise, stretches of rows are asked, too: what a model lacks hangs together in them.
+        Where residuals may be more than noise, stretches of rows count, too: in them what a model lacks is correlated.
         """
         unsure = self.noise.from_residuals or self.inflation > 1.0
-        asked = unsure and len(self.stretches) > 1
-        return (self.inflated_covariance, self.scattered_covariance) if asked else (self.inflated_covariance,)
+        scattered = unsure and len(self.stretches) > 1
+        return (self.inflated_covariance, self.scattered_covariance) if scattered else (self.inflated_covariance,)
 
     @property
     def _scale(self) -> FloatArray:
@@ -181,14 +181,14 @@ def identify(
     prior_std: FloatArray,
     options: FitOptions | None = None,
 ) -> Fit:
-    """Find the most probable unknowns of what was measured of rows; prior means are 0.
+    """Return the most probable unknowns given what was measured in rows; prior means are 0.
 
     The frames of ``start`` are near the answer (see :mod:`~.first_frames`); ``prior_std`` are those of all unknowns,
     shape (12 + P,), in m and rad.
 
     Raises:
         CalibrationError: too few rows can be used, or the search ends far from an answer.
-        BadInputError: a shape does not fit.
+        BadInputError: a shape does not match.
     """
     options = options or FitOptions()
     if prior_std.shape != start.values.shape or not (np.isfinite(prior_std) & (prior_std > 0.0)).all():
@@ -217,9 +217,9 @@ def settled_noise(
     noise: NoiseLevel,
     options: FitOptions | None = None,
 ) -> NoiseLevel:
-    """Return the noise, what is unknown of it taken from what a fit with it leaves over, until both agree within 1 %.
+    """Return the noise, its unknown kinds from the residuals of a fit with it, repeated until both agree within 1 %.
 
-    Where they do not before the rounds end, it is not ``settled``. Raises as :func:`identify`.
+    Where they do not agree before the rounds end, it is not ``settled``. Raises as :func:`identify`.
     """
     for _ in range(_NOISE_ROUNDS):
         fit = identify(rows, measured.with_noise(noise), start, prior_std, options)

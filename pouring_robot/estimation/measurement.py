@@ -1,10 +1,10 @@
-"""The measurement model: what the tracker sees of the robot as built, and how every unknown moves it.
+"""The measurement model: what the tracker sees of the robot as built, and its derivatives by every unknown.
 
     Y = T_tracker_base ∘ D(base) ∘ X(drives, parameters) ∘ D(tool) ∘ T_end_target
 
-X closes the loops of the present robot with its local parameters added; D(v, w) = SE3(exp(w), v). The unknowns stand
-in the order [base tx ty tz rx ry rz | tool tx ty tz rx ry rz | parameters], in m and rad. ``base`` displaces the fixed
-platform in its own axes against where the tracker was taken to see it; ``tool`` displaces the target in the moving
+X closes the loops of the present robot with its local parameters added; D(v, w) = SE3(exp(w), v). The unknowns are in
+the order [base tx ty tz rx ry rz | tool tx ty tz rx ry rz | parameters], in m and rad. ``base`` displaces the fixed
+platform in its own axes from where the tracker was assumed to see it; ``tool`` displaces the target in the moving
 platform's axes. A local parameter displaces the *present* placement of its joint (see
 :mod:`pouring_robot.mechanism.local_parameters`), several at one joint by D of the sum of their twists.
 
@@ -44,25 +44,25 @@ from pouring_robot.mechanism.rotations import rotation_matrices, skew
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.tolerances import Tolerances
 
-_HELD_STD = 1e-9  # m and rad: of frames that nobody measured from
+_HELD_STD = 1e-9  # m and rad: of frames where nothing was measured from outside
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """A value for everything unknown."""
+    """Values of all unknowns."""
 
-    start: OuterFrames  # the outer frames that displacements count from
-    # displacements from there, parameter values, and six displacements of the base a session that has frames of its
+    start: OuterFrames  # the outer frames to which displacements are relative
+    # displacements from there, parameter values, and six displacements of the base per session that has frames of its
     # own, shape (12 + P,), in m and rad; see the module
     values: FloatArray
 
     @classmethod
     def zero(cls, frames: OuterFrames, parameters: int) -> Unknowns:
-        """Return the given frames and all parameters, and displacements of sessions, zero."""
+        """Return the given frames with all parameters, and displacements of sessions, zero."""
         return cls(frames, np.zeros(FRAMES + parameters))
 
     def at(self, values: FloatArray) -> Unknowns:
-        """Return other values from the same frames."""
+        """Return other values relative to the same frames."""
         return replace(self, values=np.asarray(values, dtype=float))
 
     @property
@@ -77,13 +77,13 @@ class Unknowns:
 
 
 class Differentiated:
-    """What may carry a Jacobian by the unknowns."""
+    """Something that may have a Jacobian by the unknowns."""
 
     jacobian: FloatArray | None
 
     @property
     def derivatives(self) -> FloatArray:
-        """The Jacobian; raises BadInputError if only the prediction was asked for."""
+        """The Jacobian; raises BadInputError if only the prediction was requested."""
         if self.jacobian is None:
             raise BadInputError("the prediction holds no Jacobian; ask for it with linearise")
         return self.jacobian
@@ -91,20 +91,20 @@ class Differentiated:
 
 @dataclass(frozen=True, eq=False)
 class Prediction(PoseStack, Differentiated):
-    """What the tracker should see of n rows: poses of the target in its frame, NaN where a row does not close."""
+    """What the tracker should see in n rows: poses of the target in its frame, NaN where a row does not close."""
 
     status: NDArray[np.uint8]  # codes of :mod:`~pouring_robot.mechanism.closure.status`
     closure: BatchClosure  # the closed loops
     # displacement of the target's origin (m) and rotation vector (rad), both in tracker axes, per unit of each unknown,
-    # shape (n, 6, 12 + P); None where only the prediction was asked for
+    # shape (n, 6, 12 + P); None where only the prediction was requested
     jacobian: FloatArray | None = None
-    disagreement: FloatArray | None = None  # likewise, of what r redundant drives disagree by, in m, (n, r, 12 + P)
+    disagreement: FloatArray | None = None  # likewise for what r redundant drives disagree by, in m, (n, r, 12 + P)
 
     @classmethod
     def of(
         cls, closure: BatchClosure, frames: OuterFrames, base: FloatArray | None = None, scale: FloatArray | None = None
     ) -> Prediction:
-        """Return what closed loops look like from the tracker; displacements row by row as :meth:`OuterFrames.seen`."""
+        """Return closed loops as seen by the tracker; displacements row by row as in :meth:`OuterFrames.seen`."""
         seen = frames.seen(PoseStack(closure.position, closure.rotation), base, scale)
         return cls(seen.position_m, seen.rotation, closure.status, closure)
 
@@ -122,13 +122,13 @@ class Prediction(PoseStack, Differentiated):
 class MeasurementModel:
     """Predicts measurements of one robot with a chosen set of parameters. Safe to use from several threads.
 
-    Parameters of placements (DH parameters too, as :attr:`DHParameter.local`) and drives act on top of the errors of
-    the present robot; unknowns of sessions with frames of their own, six each, stand behind all others. By default a
-    thread a core shares the work; results do not depend on it.
+    Parameters of placements (also DH parameters, as :attr:`DHParameter.local`) and drives are added to the errors of
+    the present robot; unknowns of sessions with frames of their own, six each, come after all others. By default one
+    thread per core shares the work; results do not depend on it.
 
     Raises:
         UnknownJointError: a parameter names a joint that is in no chain.
-        BadInputError: a parameter is of another kind, or stands twice.
+        BadInputError: a parameter is of another kind, or is given twice.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class MeasurementModel:
         sessions: Sequence[SessionParameter] = (),
     ) -> None:
         self.model, self.threads, self.sessions = model, threads, tuple(sessions)
-        # A step that a search only tries may bend the robot far; there no mode needs to be followed.
+        # A trial step of a search may change the robot far; no assembly mode needs to be followed there.
         self.engine = engine_for(model.mechanism(), threads, replace(DEFAULT_OPTIONS, most_steps=1))
         self.drawing = model.definition.drawing()
         self._choose(parameters)
@@ -176,8 +176,8 @@ class MeasurementModel:
     def prior_std(self, tolerances: Tolerances, *, framed: bool = True) -> FloatArray:
         """Return the standard deviations of all unknowns before measuring, shape (12 + P,), in m and rad.
 
-        Those of parameters are the tolerances of the robot's parts. Of the frames, of sessions too, hardly anything is
-        known; the outer ones are held if nothing was measured from outside (``framed``).
+        Those of parameters are the tolerances of the robot's parts. Hardly anything is known about the frames, also
+        those of sessions; the outer ones are held unless something was measured from outside (``framed``).
         """
         frames, others = np.full(FRAMES, FRAME_STD if framed else _HELD_STD), np.full(len(self.sessions), FRAME_STD)
         return np.concatenate([frames, tolerances.std(self.parameters, self.model.definition), others])
@@ -185,10 +185,10 @@ class MeasurementModel:
     def at(
         self, drives: FloatArray, start: BatchStart | None = None, sessions: Sequence[str] | None = None
     ) -> ModelledRows:
-        """Return rows to predict: commanded drives (n, drives), in m and rad; the model's own offsets come on top.
+        """Return rows to predict: commanded drives (n, drives), in m and rad; the model's own offsets are added.
 
-        Closing starts at the drawing's closed poses if no ``start`` is known. ``sessions`` are those of the rows where
-        some have frames of their own; by default all are in the largest. Raises BadInputError of another shape.
+        Closing starts at the drawing's closed poses if no ``start`` is given. ``sessions`` are those of the rows where
+        some have frames of their own; by default all are in the largest. Raises BadInputError for another shape.
         """
         drives = np.asarray(drives, dtype=float)
         count = len(self.engine.structure.mechanism.loops.drives)
@@ -198,7 +198,7 @@ class MeasurementModel:
         return ModelledRows(self, drives, self.drawing.starts(drives) if start is None else start, session)
 
     def placement_errors(self, values: FloatArray) -> FloatArray:
-        """Return the displacement of every site for parameter values (P,): shape (sites, 6), in m and rad."""
+        """Return the displacements of all sites for parameter values (P,): shape (sites, 6), in m and rad."""
         return np.asarray(self._twists @ values[: len(self.parameters)])
 
     def drive_errors(self, values: FloatArray) -> FloatArray:
@@ -224,9 +224,9 @@ class MeasurementModel:
         return amended
 
     def moved_parameters(self, errors: FloatArray) -> tuple[LocalParameter, ...]:
-        """Return the parameters as twists on top of placements displaced by ``errors`` (sites, 6).
+        """Return the parameters as twists of placements already displaced by ``errors`` (sites, 6).
 
-        exp(w + dw) turns by the right Jacobian of w, and dv is seen in the turned axes.
+        exp(w + dw) turns by the right Jacobian of w, and dv is expressed in the rotated axes.
         """
         maps = {
             site: (pin.exp3(errors[site, 3:]).T, pin.Jexp3(errors[site, 3:]))
@@ -250,10 +250,10 @@ class MeasurementModel:
         errors: FloatArray,
         base: FloatArray | None = None,
     ) -> Prediction:
-        """Return a prediction, of the same frames and base, with its Jacobian by the frames at zero and by parameters.
+        """Return a prediction, for the same frames and base, with its Jacobian by the frames at zero and by parameters.
 
-        These come on top of ``errors``, the displacement of every site, (sites * 6,) or row by row (n, sites * 6), in m
-        and rad, one a column after the frames. Rows that are singular say so in their status and have no Jacobian.
+        Each parameter has a column after the frames and is added to ``errors``, the displacements of all sites,
+        (sites * 6,) or row by row (n, sites * 6), in m and rad. Singular rows have that status and no Jacobian.
         """
         transfer, poses = self.engine.transfer(prediction.closure, parameters, errors), prediction.poses
         jacobian = np.empty((len(poses), 6, FRAMES + len(parameters)))
@@ -261,7 +261,7 @@ class MeasurementModel:
         frames.carried(transfer.matrix, poses, base, out=jacobian[:, :, FRAMES:])
         jacobian[transfer.status != CLOSED] = np.nan
         disagreement = transfer.disagreement
-        if disagreement is not None:  # the frames have no part in it
+        if disagreement is not None:  # it does not depend on the frames
             disagreement = np.pad(disagreement, ((0, 0), (0, 0), (FRAMES, 0)))
         return replace(prediction, jacobian=jacobian, disagreement=disagreement, status=transfer.status)
 
@@ -285,7 +285,7 @@ class ModelledRows:
         return ModelledRows(self.model, self.drives[index], self.start[index], self.session[index], changes)
 
     def with_changes(self, changes: RowChanges) -> ModelledRows:
-        """Return the same rows with what is changed in each, to first order in the turns at one joint."""
+        """Return the same rows with the changes in each, to first order in the rotations at one joint."""
         return replace(self, drives=self.drives + changes.drives, changes=changes)
 
     def with_parameters(self, parameters: Sequence[GeometricParameter]) -> ModelledRows:
@@ -293,7 +293,7 @@ class ModelledRows:
         return replace(self, model=self.model.with_parameters(parameters))
 
     def present(self) -> BatchClosure:
-        """Close the loops of the present robot, without errors by parameters."""
+        """Close the loops of the present robot, with all parameters zero."""
         placed = self.changes.placements if self.changes else None
         return self.model.engine.close(self.model.model.standing(self.drives), self.start, placed)
 
@@ -306,7 +306,7 @@ class ModelledRows:
         return engine, engine.close(self.drives, self.start)
 
     def predict(self, unknowns: Unknowns) -> Prediction:
-        """Close the loops and return what the tracker should see; raises BadInputError of values that do not fit."""
+        """Close the loops and return what the tracker should see; raises BadInputError for values of a wrong shape."""
         model = self.model
         if unknowns.values.shape != (len(model.names),) or not np.isfinite(unknowns.values).all():
             raise BadInputError(f"the unknowns must be {len(model.names)} finite values, not {unknowns.values.shape}")
@@ -317,11 +317,11 @@ class ModelledRows:
         return Prediction.of(closure, unknowns.frames, self._base(unknowns), scale)
 
     def _placed(self, errors: FloatArray) -> FloatArray:
-        """Return the displacement of every site, (sites * 6,), or of every row (n, sites * 6), by that of all rows."""
+        """Return the displacements of sites, (sites * 6,), or row by row, (n, sites * 6), given those of all rows."""
         return errors.ravel() + self.changes.placements if self.changes else errors.ravel()
 
     def _base(self, unknowns: Unknowns) -> FloatArray | None:
-        """Return the displacement of the base that each row sees, (n, 6); None where all see it at one place."""
+        """Return the displacement of the base in each row, (n, 6); None where all rows see it in the same place."""
         count = len(self.model.sessions)
         if not count:
             return self.changes.base if self.changes else None
@@ -331,12 +331,12 @@ class ModelledRows:
     def linearise(self, unknowns: Unknowns) -> Prediction:
         """Return the same with the analytic Jacobian, exact at any residual of the loops; raises as :meth:`predict`.
 
-        To first order in what is changed row by row: a turn of a joint there leaves the axes of parameters as they are.
+        To first order in the row-by-row changes: their rotation of a joint leaves the axes of parameters unchanged.
         """
         return self.differentiate(unknowns, self.predict(unknowns))
 
     def differentiate(self, unknowns: Unknowns, prediction: Prediction) -> Prediction:
-        """Return a prediction for these unknowns with its Jacobian added; rows that are singular get that status."""
+        """Return a prediction for these unknowns with its Jacobian added; singular rows get that status."""
         errors = self.model.placement_errors(unknowns.parameters)
         parameters = self.model.moved_parameters(errors)
         base = self._base(unknowns)
@@ -354,7 +354,7 @@ class ModelledRows:
     def _by_session(
         self, jacobian: FloatArray, unknowns: Unknowns, prediction: Prediction, base: FloatArray
     ) -> FloatArray:
-        """Return the Jacobian with the columns of sessions; the base's own turn then carries what sessions displace."""
+        """Return the Jacobian with the columns of sessions; a turn of the base then also turns their displacements."""
         outer = unknowns.frames.T_tracker_base.rotation
         places = unknowns.frames.places(prediction.poses)
         displaced = (rotation_matrices(base[:, 3:]) @ places[..., None])[..., 0] + base[:, :3]

@@ -1,11 +1,11 @@
-"""The noise of what was measured: how large that of each kind is, and where the figure comes from.
+"""The measurement noise: how large that of each kind is, and where the figure comes from.
 
-Before a fit it is as stated, or the scatter of rows that repeat a pose (:func:`noise_beforehand`). Where it is neither,
-:meth:`NoiseLevel.from_left_over` takes it from what a fit leaves over (:func:`noise_ratio`), again until both agree:
-in a calibration ``settled_noise`` of :mod:`pouring_robot.estimation.map_fit`, in a diagnosis
-:mod:`pouring_robot.diagnosis.searched` by ``noise_left`` of :mod:`pouring_robot.diagnosis.diagnoser`, of where they
-disagree ``diagnosis/where/dependence.py``. A fit, a whole search and a sum of processes cost and hand on other things,
-so each says itself when its rounds end. From where on that is too large to pass for noise, :func:`largest_noise` says.
+Before a fit it is as stated, or the scatter of rows that repeat a pose (:func:`noise_beforehand`). Where neither is
+known, :meth:`NoiseLevel.from_left_over` takes it from the residuals of a fit (:func:`noise_ratio`), repeated until both
+agree: in a calibration ``settled_noise`` of :mod:`pouring_robot.estimation.map_fit`, in a diagnosis
+:mod:`pouring_robot.diagnosis.searched` by ``noise_left`` of :mod:`pouring_robot.diagnosis.diagnoser`, for where they
+disagree ``diagnosis/where/dependence.py``. A fit, a whole search and a sum of processes differ in cost and in what they
+pass on, so each has its own rule for ending. :func:`largest_noise` returns the size beyond which it is not noise.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 Source = Literal["stated", "repeats", "residuals", "none"]
 LEAST_NOISE = 1e-6
-"""In m or rad: what is left over of exact data is less, and as noise would make of rounding an error of the robot. No
-device that robots are measured with reads better."""
-FALSE_ALARMS = 1e-3  # share of sound campaigns and robots that chance may accuse
+"""In m or rad. Residuals of exact data are smaller; taken as noise they would turn rounding into an error of the robot.
+No device for measuring robots is more precise."""
+FALSE_ALARMS = 1e-3  # share of sound campaigns and robots that may be flagged by chance
 LEAST_FACTOR = 2.0
-"""By which a noise that is stated may be off: a data sheet's figure is not better known."""
+"""Factor by which a stated noise may be wrong: a data sheet's figure is not better known."""
 _FEWEST_DOF = 12
-_ROUND_OFF = 1e-9  # degrees of freedom: fewer are what adding up leaves of none, of either sign
-_SAME_DRIVE = 1e-6  # m or rad: no drive is told to stand finer
+_ROUND_OFF = 1e-9  # degrees of freedom: fewer are the round-off of none, of either sign
+_SAME_DRIVE = 1e-6  # m or rad: no drive is commanded more finely
 _SAME_LOAD = 0.01
-"""Of the largest: a load that is weighed is never twice the same, and what a hundredth of it does is less than noise
-unless all of it does a hundred times as much."""
+"""Share of the largest load: a load that is weighed is never twice the same, and the effect of a hundredth of it is
+less than noise unless that of all of it is more than a hundred times the noise."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Noise:
 
     sigma: float = 1e-3  # standard deviation of a component, in m or rad
     source: Source = "none"  # where the figure comes from; ``none``: nothing of the kind was measured
-    dof: float = float("inf")  # of a figure from repeats, infinite for any other: see :attr:`NoiseLevel.dof`
+    dof: float = float("inf")  # degrees of freedom of a figure from repeats, else infinite: see :attr:`NoiseLevel.dof`
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class NoiseLevel:
     """The noise of every kind."""
 
     kinds: Mapping[Kind, Noise]  # a kind that is left out was not measured
-    settled: bool = True  # False where what a fit leaves over was still another when the fits that told it ended
+    settled: bool = True  # False where the fits that determine it ended before the residuals agreed with it
 
     @classmethod
     def stated(cls, position_m: float, rotation_rad: float | None) -> NoiseLevel:
@@ -89,20 +89,20 @@ class NoiseLevel:
         return self["rotation"].sigma
 
     def of(self, kind: Kind | None) -> NoiseLevel:
-        """Return that of a kind alone; None: of all."""
+        """Return the noise of one kind alone; None: of all."""
         return self if kind is None else NoiseLevel({kind: self[kind]}, self.settled)
 
     def times(self, factors: Mapping[Kind, float]) -> NoiseLevel:
-        """Return other sizes, none below :data:`LEAST_NOISE`."""
+        """Return the noise times factors by kind, nowhere below :data:`LEAST_NOISE`."""
         changed = {k: replace(self[k], sigma=max(self[k].sigma * f, LEAST_NOISE)) for k, f in factors.items()}
         return NoiseLevel({**self.kinds, **changed})
 
     def from_left_over(
         self, kinds: Iterable[Kind], components: Indices, residual: FloatArray, freedom: FloatArray, fewest: float = 1.0
     ) -> NoiseLevel:
-        """Return it with that of some kinds taken from what a fit with it leaves over, by :func:`noise_ratio`.
+        """Return the noise with that of some kinds from the residuals of a fit with it, by :func:`noise_ratio`.
 
-        ``components`` is what each of the m equations is of, ``residual`` is over this noise.
+        ``components`` is the component of each of the m equations, ``residual`` is divided by this noise.
         """
         chosen = {kind: are(kind, components) for kind in kinds}
         return self.times(
@@ -110,10 +110,11 @@ class NoiseLevel:
         )
 
     def told_by(self, left: NoiseLevel, dof: Mapping[Kind, float], rate: float) -> NoiseLevel:
-        """Return it with what a fit leaves over, of so many degrees of freedom a kind, where nothing better tells it.
+        """Return the noise with that from residuals, with ``dof`` degrees of freedom by kind, where that is better.
 
-        That is where nothing is said, or where few repeats say as much: what is left beyond them (lack of fit, F) is no
-        more than chance makes in that rate of campaigns. The repeats, which are among the rows, are then outnumbered.
+        That is where it is not stated, or where it comes from few repeats that agree: the residuals beyond them (lack
+        of fit, F) are no more than chance makes in a share ``rate`` of campaigns. The repeats are among the rows, which
+        then outnumber them.
         """
         found = dict(self.kinds)
         for kind, noise in self.kinds.items():
@@ -127,18 +128,18 @@ class NoiseLevel:
         return NoiseLevel(found)
 
     def lack_of_fit_p(self, squares: float, dof: float, share: float = 1.0) -> float:
-        """Return the probability that noise alone leaves such a sum of squares, over it, of so many degrees of freedom.
+        """Return the probability that noise alone gives such a sum of squared residuals over it, with so many ``dof``.
 
-        Repeats that tell it are among what is left, and apart from each other by just as much: what is left beyond them
-        is asked (lack of fit: Draper & Smith, *Applied Regression Analysis*, 1998, ch. 2). ``share`` is what a robust
-        loss leaves on average of the square of each.
+        Repeats that determine the noise contribute exactly their scatter to the residuals: what remains beyond them is
+        tested (lack of fit: Draper & Smith, *Applied Regression Analysis*, 1998, ch. 2). ``share`` is the part of each
+        square that a robust loss leaves on average.
         """
         repeated = share * sum(noise.dof for noise in self.kinds.values() if math.isfinite(noise.dof))
         beyond = dof - repeated
         return p_value(max(squares - repeated, 0.0), beyond, self.dof) if beyond >= 1.0 else 1.0
 
     def apart(self, other: NoiseLevel) -> float:
-        """Return by which share of the other's its sizes differ at most."""
+        """Return the largest difference of sizes from another noise, relative to that."""
         return max((abs(self[kind].sigma / other[kind].sigma - 1.0) for kind in self.measured), default=0.0)
 
     @property
@@ -154,7 +155,7 @@ class NoiseLevel:
 
     @property
     def doubts(self) -> list[str]:
-        """What makes a noise that nobody states a rough one, in words: that hardly any is left over, or no one size."""
+        """Why a noise that is not stated is only rough, in words: it is hardly above zero, or did not settle."""
         unstated = [kind for kind in self.measured if self[kind].source != "stated"]
         exact = [kind for kind in self.open_kinds if self[kind].sigma <= LEAST_NOISE]
         why = {
@@ -165,9 +166,9 @@ class NoiseLevel:
         return [f"{words}: state it ({names} in the YAML)" for words, names in keys.items()]
 
     def too_large(self, components: Indices, residual: FloatArray, freedom: FloatArray) -> list[str]:
-        """Return of which kinds that are stated a fit leaves over so much less that chance is no reason, in words.
+        """Return, in words, the kinds whose stated noise is larger than residuals by more than chance explains.
 
-        Arguments are as those of :meth:`from_left_over`.
+        Arguments are those of :meth:`from_left_over`.
         """
         left, found = self.from_left_over(self.measured, components, residual, freedom), []
         for kind in self.measured:
@@ -185,18 +186,18 @@ class NoiseLevel:
 
     @property
     def open_kinds(self) -> tuple[Kind, ...]:
-        """The kinds whose noise is what a fit leaves over."""
+        """The kinds whose noise comes from the residuals of a fit."""
         return tuple(kind for kind in KINDS if self[kind].source == "residuals")
 
     def unseen(self, components: Indices) -> str:
-        """Return in words which kinds of what a campaign measured are not among components; "" where all are."""
+        """Return in words which measured kinds are not among components; "" where all are."""
         seen = kinds_of(components)
         missing = [kind for kind in self.measured if kind not in seen]
         return f" (no {' and no '.join(missing)} measured)" if missing else ""
 
     @property
     def length_kind(self) -> Kind:
-        """What counts as length: positions, or what was measured in their stead."""
+        """The kind that counts as length: positions, or what was measured instead."""
         return next((kind for kind in LENGTHS if kind in self.measured), "position")
 
     @property
@@ -205,7 +206,7 @@ class NoiseLevel:
         return self[self.length_kind].sigma
 
     def figures(self) -> dict[str, float | str | None]:
-        """Return sizes and sources as results hold them, in mm and mrad; None: nothing of the kind was measured."""
+        """Return sizes and sources as in results, in mm and mrad; None: nothing of the kind was measured."""
         found: dict[str, float | str | None] = {}
         for kind in KINDS:
             (unit, si), seen = unit_of(kind), kind in self.measured
@@ -226,26 +227,26 @@ class NoiseLevel:
 
     @property
     def dof(self) -> float:
-        """Degrees of freedom behind the less well known figure, to judge a sum of squares by; infinite where stated.
+        """Degrees of freedom of the less well known figure, for tests of sums of squares; infinite where stated.
 
-        A noise that k repeats gave is itself uncertain, by 1 / sqrt(2 k): a sum of n squared residuals over its square
-        follows n F(n, k), not chi-square(n). With fewer than about 100 of them chi-square takes chance for a gap.
+        A noise from k repeats is itself uncertain, by 1 / sqrt(2 k): a sum of n squared residuals over its square
+        follows n F(n, k), not chi-square(n). With fewer than about 100 repeats chi-square mistakes chance for a gap.
         """
         return min((noise.dof for noise in self.kinds.values()), default=float("inf"))
 
     @property
     def from_residuals(self) -> bool:
-        """Whether a figure is what the fit left over, so that it cannot serve to judge the fit."""
+        """Whether a figure comes from the residuals of the fit, so that it cannot be used to judge the fit."""
         return bool(self.open_kinds)
 
 
 def noise_key(kind: Kind) -> str:
-    """Return under which key of ``metrology`` a campaign's YAML states the noise of a kind."""
+    """Return the key under ``metrology`` in a campaign's YAML that states the noise of a kind."""
     return f"sigma_{kind}_{unit_of(kind)[0]}"
 
 
 def noise_beforehand(campaign: Campaign, rows: Indices) -> NoiseLevel:
-    """Return the noise that metadata, or repeats among some rows, tell; else a first guess, to be fitted."""
+    """Return the noise from metadata, or from repeats among some rows; else a first guess, to be fitted."""
     measured = instruments_of(campaign)
     places, turns = measured[:2]
     shown = repeat_noise(PoseStack(places.position_m, turns.rotation), repeats(campaign, rows))
@@ -259,14 +260,14 @@ def noise_beforehand(campaign: Campaign, rows: Indices) -> NoiseLevel:
 
 
 def commands(drives: FloatArray) -> NDArray[np.int64]:
-    """Return commanded drives (n, D), in m and rad, as whole numbers that are equal where the command is the same."""
+    """Return commanded drives (n, D), in m and rad, as integers that are equal where the command is the same."""
     return np.round(drives / _SAME_DRIVE).astype(np.int64)
 
 
 def repeats(campaign: Campaign, rows: Indices) -> list[Indices]:
-    """Return the rows that were commanded alike in one session: groups of two or more.
+    """Return the rows with the same commands in one session: groups of two or more.
 
-    That is with all that somebody sets, sides, loads and travels, too: what these do is no noise.
+    Everything that is set must be the same, also sides, loads and travels: their effects are not noise.
     """
     settings = [commands(campaign.drives[rows])]
     for quantity in campaign.robot.condition_columns:
@@ -277,7 +278,7 @@ def repeats(campaign: Campaign, rows: Indices) -> list[Indices]:
 
 
 def alike(campaign: Campaign, rows: Indices, keys: NDArray[np.int64]) -> list[Indices]:
-    """Return those of the rows (k,) that have session and keys, (k, m), in common: groups of two or more."""
+    """Return those of the rows (k,) with the same session and keys, (k, m): groups of two or more."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for row, key in zip(rows.tolist(), keys.tolist(), strict=True):
         groups.setdefault((campaign.sessions[row], *key), []).append(row)
@@ -285,9 +286,9 @@ def alike(campaign: Campaign, rows: Indices, keys: NDArray[np.int64]) -> list[In
 
 
 def _levels(values: FloatArray, apart: float) -> NDArray[np.int64]:
-    """Return values (n,) as numbers that are equal where one is less than so far above the least of them; NaN: -1.
+    """Return values (n,) as numbers that are equal where values are less than ``apart`` above the least; NaN: -1.
 
-    Counted from the values themselves: steps of a scale would part readings that lie on both sides of one.
+    Levels start at the values themselves: those of a fixed scale would separate readings on both sides of a step.
     """
     found, level, least = np.full(values.size, -1, dtype=np.int64), -1, -np.inf
     for k in np.argsort(values)[: np.isfinite(values).sum()]:
@@ -298,7 +299,7 @@ def _levels(values: FloatArray, apart: float) -> NDArray[np.int64]:
 
 
 def repeat_noise(measured: PoseStack, groups: list[Indices]) -> tuple[Noise | None, Noise | None]:
-    """Return the scatter of repeats about their means, of places and of rotations; None under 12 degrees of freedom."""
+    """Return the scatter of repeats about their means, of positions and rotations; None below 12 degrees of freedom."""
     sums, dof = np.zeros(2), np.zeros(2)
     for rows in groups:
         for column in measured.position_m[rows].T:
@@ -313,7 +314,7 @@ def repeat_noise(measured: PoseStack, groups: list[Indices]) -> tuple[Noise | No
             dof[1] += 3 * (len(turned) - 1)
     found = [
         Noise(float(np.sqrt(total / freedom)), "repeats", float(freedom))
-        if freedom >= _FEWEST_DOF and total > freedom * LEAST_NOISE**2  # exact repeats do not tell the noise
+        if freedom >= _FEWEST_DOF and total > freedom * LEAST_NOISE**2  # exact repeats do not show the noise
         else None
         for total, freedom in zip(sums, dof, strict=True)
     ]
@@ -321,20 +322,20 @@ def repeat_noise(measured: PoseStack, groups: list[Indices]) -> tuple[Noise | No
 
 
 def noise_ratio(residual: FloatArray, freedom: FloatArray, fewest: float = 1.0) -> float:
-    """Return the noise that residuals (m,) show over the one they are in units of; 1 with too few equations left over.
+    """Return the noise that residuals (m,) show over that in whose units they are; 1 with too few degrees of freedom.
 
-    ``freedom`` (m,) is what noise makes of the square of each on average, over its variance: n equations on which p
-    unknowns were spent have n - p together. Of more than ``fewest`` something is told; where priors hold the unknowns,
-    each counted by how far the data determine it, by any share of one.
+    ``freedom`` (m,) is the expectation of the square of each under noise: n equations with p unknowns have n - p in
+    all. More than ``fewest`` determine something; where priors hold the unknowns, each counts by how far the data
+    determine it, so that any share of one does.
     """
-    left = max(float(freedom.sum()), _ROUND_OFF)
-    return float(np.sqrt(np.square(residual).sum() / left)) if left > fewest else 1.0
+    dof = max(float(freedom.sum()), _ROUND_OFF)
+    return float(np.sqrt(np.square(residual).sum() / dof)) if dof > fewest else 1.0
 
 
 def p_value(squares: float, dof: float, noise_dof: float) -> float:
-    """Return the probability that noise alone makes such a sum of squares over its variance, by its degrees of freedom.
+    """Return the probability that noise alone gives such a sum of squares over its variance, with so many ``dof``.
 
-    ``noise_dof`` as of :attr:`NoiseLevel.dof`.
+    ``noise_dof`` is :attr:`NoiseLevel.dof`.
     """
     if np.isinf(noise_dof):
         return float(scipy.special.chdtrc(dof, squares))
@@ -342,13 +343,13 @@ def p_value(squares: float, dof: float, noise_dof: float) -> float:
 
 
 def largest_noise(noise: NoiseLevel, components: Indices, tolerated: Iterable[FloatArray]) -> dict[Kind, float]:
-    """Return how large what is left over may be at most to pass for noise, in m or rad, of each kind it stands for.
+    """Return the largest residuals that can pass for noise, in m or rad, of each kind whose noise comes from them.
 
-    It is what all errors within the robot's tolerances make together, root mean square. A device that scatters by more
-    shows none of them, so nobody measures the robot with it: what is left is then a misfit that nothing explains. Less
-    may still be a poor device. ``tolerated`` has a column (m,) an error: what one standard deviation of it changes
-    beyond what frames absorb, over the noise; ``components`` is what each of the m equations is of. Where they absorb
-    all, :data:`LEAST_NOISE` may be left.
+    They are as large as the effect of all errors within the robot's tolerances together, root mean square. A device
+    with more scatter shows none of these, so nobody measures the robot with it: the residuals are then a misfit that
+    nothing explains. Smaller ones may still be a poor device. ``tolerated`` has a column (m,) per error: what one
+    standard deviation of it changes beyond what the frames absorb, over the noise; ``components`` is the component of
+    each of the m equations. Where the frames absorb everything, :data:`LEAST_NOISE` is allowed.
     """
     variance = sum((column**2 for column in tolerated), np.zeros(len(components)))
     seen = {kind: are(kind, components) for kind in noise.open_kinds}

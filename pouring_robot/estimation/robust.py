@@ -1,7 +1,7 @@
-"""The robust loss: what a row counts that is far off, and what noise alone makes of residuals so weighted.
+"""The robust loss: the weight of rows that are far off, and the size of residuals so weighted under noise alone.
 
 In a fit (:func:`robust_terms`) the coordinates of a row are judged together: one slip spoils all three, and the bound
-follows from noise. Before any fit, where the noise is not known, the scale is that of the residuals themselves
+follows from the noise. Before any fit, where the noise is not known, the scale is that of the residuals themselves
 (:func:`~pouring_robot.mechanism.arrays.robust_sigma`, :func:`huber_weights`, :func:`tukey_weights`).
 """
 
@@ -18,11 +18,11 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 Loss = Literal["huber", "soft_l1", "linear"]
 _FIT_INLIER_SHARE = 0.99
-"""Share of the blocks that noise alone leaves within the bound of a fit, where the loss is quadratic."""
+"""Share of the blocks that are within the bound of a fit under noise alone; up to it the loss is quadratic."""
 PRELIMINARY_HUBER_BOUND, PRELIMINARY_TUKEY_BOUND = 1.5, 4.7
-"""Bounds of weights before a fit, of frames and in checks, in robust standard deviations: beyond, a value pulls no
-more, or not at all. Of normal values 96 % and 95 % of what least squares know are left (Huber, Robust Statistics, 1981,
-ch. 4 and 7)."""
+"""Bounds of weights before a fit, for frames and in checks, in robust standard deviations: beyond them the influence of
+a value is constant, or zero. For normal values the efficiency relative to least squares is 96 % and 95 % (Huber, Robust
+Statistics, 1981, ch. 4 and 7)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,40 +30,40 @@ class Equations:
     """Residuals over their noise."""
 
     residual: FloatArray  # of each of m equations, (m,)
-    rows: Indices  # row that each is of, (m,)
-    components: Indices  # component that each is of, as :mod:`pouring_robot.estimation.kinds` numbers them, (m,)
+    rows: Indices  # row of each, (m,)
+    components: Indices  # component of each, as :mod:`pouring_robot.estimation.kinds` numbers them, (m,)
 
 
 def huber_weights(sizes: FloatArray, bound: float | FloatArray = PRELIMINARY_HUBER_BOUND) -> FloatArray:
-    """Return Huber's weights of sizes that are not negative, same shape: 1 up to the bound, in their unit."""
+    """Return Huber's weights of non-negative sizes, same shape: 1 up to the bound, which is in their unit."""
     return np.asarray(bound / np.maximum(sizes, bound))
 
 
 def tukey_weights(sizes: FloatArray) -> FloatArray:
-    """Return Tukey's weights of sizes, not negative, in robust deviations, same shape: none from the bound on."""
+    """Return Tukey's weights of non-negative sizes, in robust deviations, same shape: 0 from the bound on."""
     return np.where(sizes < PRELIMINARY_TUKEY_BOUND, (1.0 - (sizes / PRELIMINARY_TUKEY_BOUND) ** 2) ** 2, 0.0)
 
 
 def _quantiles(share: float, counts: Indices) -> FloatArray:
-    """Return what chi-square of degrees of freedom (n,) stays below with a probability, (n,); 1 in place of none."""
-    # Of scipy.special: importing scipy.stats takes longer than many a calibration.
+    """Return the quantiles of chi-square with (n,) degrees of freedom, (n,); 1 where there are none."""
+    # From scipy.special: importing scipy.stats takes longer than many a calibration.
     return np.array([1.0, *(scipy.special.chdtri(k, 1.0 - share) for k in _sizes(counts))])[counts]
 
 
 def _sizes(counts: Indices) -> range:
-    """Return how many components the blocks of so many each, (n,), may have: three of a place, any of closures."""
+    """Return the numbers of components that blocks, (n,), may have: up to three of a position, any of closures."""
     return range(1, int(counts.max()) + 1)
 
 
 def _blocks(equations: Equations) -> tuple[Indices, FloatArray, Indices]:
-    """Return the block of each equation, and of each block its squared size and number of components."""
+    """Return the block of each equation, and the squared size and number of components of each block."""
     blocks = len(KINDS) * equations.rows + kind_of(equations.components)
     squared = np.bincount(blocks, equations.residual**2).astype(np.float64)
     return blocks, squared, np.bincount(blocks)
 
 
 def typical_size(equations: Equations) -> float:
-    """Return the median size of the blocks over what noise makes it, at least 1."""
+    """Return the median size of the blocks over that under noise alone, at least 1."""
     _, squared, counts = _blocks(equations)
     kept = counts > 0
     median = _quantiles(0.5, counts[kept])
@@ -73,7 +73,7 @@ def typical_size(equations: Equations) -> float:
 def robust_terms(equations: Equations, loss: Loss, widened: float = 1.0) -> tuple[float, FloatArray]:
     """Return the summed loss, and the weight of each equation, shape (m,).
 
-    ``widened`` is a factor on the bound up to which the loss is quadratic. Raises BadInputError of an unknown loss.
+    ``widened`` is a factor on the bound up to which the loss is quadratic. Raises BadInputError for an unknown loss.
     """
     blocks, squared, counts = _blocks(equations)
     cost, weight = _weighed(squared, widened * np.sqrt(_quantiles(_FIT_INLIER_SHARE, counts)), loss)
@@ -81,9 +81,9 @@ def robust_terms(equations: Equations, loss: Loss, widened: float = 1.0) -> tupl
 
 
 def noise_shares(equations: Equations, loss: Loss) -> FloatArray:
-    """Return what noise alone makes of each equation's squared weighted residual on average, shape (m,); linear: 1.
+    """Return the expectation of each equation's squared weighted residual under noise alone, shape (m,); linear: 1.
 
-    Proposal 2 of Huber, Robust Statistics (1981), holds a scale to this: a slip counts no more than its bound.
+    Proposal 2 of Huber, Robust Statistics (1981), normalises a scale by this: a slip counts no more than its bound.
     """
     blocks, _, counts = _blocks(equations)
     return np.array([1.0, *(_noise_share(loss, k) for k in _sizes(counts))])[counts][blocks]
@@ -98,7 +98,7 @@ def _noise_share(loss: Loss, components: int) -> float:
 
 
 def _weighed(squared: FloatArray, bound: FloatArray, loss: Loss) -> tuple[FloatArray, FloatArray]:
-    """Return the loss and the weight of blocks of a squared size."""
+    """Return the loss and the weight of blocks, given their squared sizes."""
     size = np.sqrt(squared)
     if loss == "linear":
         return squared, np.ones_like(squared)

@@ -1,11 +1,12 @@
-"""Whole blocks held out: one for the test, which no fit sees; the others validate each other in turn.
+"""Whole blocks held out: one for the test, which no fit uses; the others validate each other in turn.
 
 A calibration chooses groups of parameters by the others (``calibration/selection.py``) and is refused where the test
-block says so; a diagnosis says how well the amended model foretells the test block, and where that is small each block
-by all others, later ones too (``diagnosis/cross_validation.py``).
+block is predicted worse; a diagnosis reports how well the amended model predicts the test block, and, where that is
+small, each block from all others, also from later ones (``diagnosis/cross_validation.py``).
 
-What a block alone tells of the outer frames the other rows cannot foretell: if only its poses have the tool upside
-down, the others leave target and base open against each other along the vertical. Such a block is not held out.
+If a block alone determines a direction of the outer frames, the other rows cannot predict it: if only its poses have
+the tool upside down, the others leave target and base open against each other along the vertical. Such a block is not
+held out.
 """
 
 from collections.abc import Sequence
@@ -28,20 +29,20 @@ BlockKind = Literal["session", "time", "region"]
 HoldOut = Literal["auto", "session", "time", "region"]
 BLOCKS = 5
 _KNOWN = 0.1
-"""Share of the information on the frames that the others must have in every direction; else nothing is foretold: what
-they leave open there would have ten times the variance that all rows leave."""
+"""Share of the information on the frames that the others must have in every direction for a prediction: with less,
+their variance there would be more than ten times that of all rows."""
 _FEWEST_SESSIONS, _FEWEST_TRAIN, _FEWEST_TEST = 4, 12, 3
 
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Which rows serve for what."""
+    """Which rows are used for what."""
 
-    kind: BlockKind  # how rows belong together
-    test: Indices  # rows of the test block: no fit and no choice sees them; of a calibration they may refuse the whole
+    kind: BlockKind  # how rows are grouped
+    test: Indices  # rows of the test block: no fit and no choice uses them; they may refuse a calibration as a whole
     test_name: str  # the block's name
-    folds: tuple[Indices, ...]  # blocks of the other rows; each may validate what others are fitted to
-    told: tuple[FloatArray, ...]  # what each fold tells of the outer frames: inner products of their columns, (k, k)
+    folds: tuple[Indices, ...]  # blocks of the other rows; each may validate fits to others
+    told: tuple[FloatArray, ...]  # information of each fold on the outer frames: inner products of columns, (k, k)
 
     @property
     def train(self) -> Indices:
@@ -50,10 +51,10 @@ class Split:
 
     @property
     def validations(self) -> tuple[tuple[Indices, Indices], ...]:
-        """Rows to fit and rows to judge that fit by, in turn.
+        """Rows to fit and rows to validate that fit, in turn.
 
-        Regions: each fold by all others. Sessions and stretches of time: each by those before it, as the test block
-        is; what drifts would otherwise be interpolated here and extrapolated there.
+        Regions: each fold from all others. Sessions and stretches of time: each from those before it, like the test
+        block; a drift would otherwise be interpolated here and extrapolated there.
         """
         pairs = []
         for k, fold in enumerate(self.folds):
@@ -65,15 +66,15 @@ class Split:
 
 
 def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> Split:
-    """Split a campaign, but for rows that no fit should use; which components were measured counts, never their values.
+    """Split a campaign without the rows that no fit should use; measured values have no influence on it.
 
-    The test block is the last session or stretch of time, or, of the regions that are large enough and that the other
-    rows can foretell, the one whose first row comes last. Of themselves (``auto``) blocks are sessions if there are
-    four or more, the last large enough, else regions.
+    The test block is the last session or stretch of time; of regions, it is the one whose first row comes last among
+    those that are large enough and that the other rows can predict. By default (``auto``) blocks are sessions if there
+    are four or more, the last large enough, else regions.
 
     Raises:
-        CalibrationError: there are too few rows, or the last block, of regions each, alone tells where tracker and
-            target stand.
+        CalibrationError: there are too few rows, or the last block (of regions: every one) alone determines where
+            tracker and target are.
     """
     own_frames = campaign.metadata.own_frames
     if own_frames and hold_out in ("session", "time"):
@@ -110,9 +111,9 @@ def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> 
 
 
 def foretold(told: Sequence[FloatArray], asked: FloatArray) -> bool:
-    """Return whether some blocks tell of the frames what another needs to be foretold, by what each tells, (k, k).
+    """Return whether some blocks determine the frames well enough to predict another, by their information, (k, k).
 
-    In every direction they have a share of :data:`_KNOWN` of what both tell together.
+    In every direction they must have the share :data:`_KNOWN` of the information of all together.
     """
     known = np.sum(told, axis=0)
     both = known + asked
@@ -132,8 +133,8 @@ def _inner_products(columns: FloatArray) -> FloatArray:
 def blocks(campaign: Campaign, kind: BlockKind, left_out: Indices | Sequence[int] = ()) -> dict[str, Indices]:
     """Return whole blocks of rows, ascending, by name: every usable row that is not left out is in exactly one.
 
-    Neighbouring rows share their errors, so random rows held out would flatter a fit; whole blocks do not. They are
-    sessions, up to :data:`BLOCKS` stretches of equal length in order of time (of rows where no time is known), or as
+    Neighbouring rows share their errors, so holding out random rows would flatter a fit; whole blocks do not. They are
+    sessions, up to :data:`BLOCKS` stretches of equal length in time order (row order where no time is known), or as
     many regions (neighbours in drive space; repeats of a pose stay together). Raises BadInputError if the kind is
     unknown.
     """
@@ -151,10 +152,10 @@ def blocks(campaign: Campaign, kind: BlockKind, left_out: Indices | Sequence[int
 
 
 def _frame_columns(campaign: Campaign) -> FloatArray:
-    """Return by how much the frames move what was seen of each row, (n, 6, 12), or (n, 6, 6 + 6 s) of s sessions.
+    """Return the derivatives of what was measured by the frames, (n, 6, 12), or (n, 6, 6 + 6 s) for s sessions.
 
-    By the drawing, in the base's axes, the target at the origin of its body: which rows tell of which frame hangs on
-    the poses alone.
+    By the drawing, in the base's axes, with the target at the origin of its body: which rows determine which frame
+    depends on the poses alone.
     """
     poses = nominal_poses(campaign.robot.drawing(), campaign.drives)
     known = np.hstack([campaign.position_measured, campaign.rotation_measured]) & poses.complete[:, None]
@@ -169,7 +170,7 @@ def _frame_columns(campaign: Campaign) -> FloatArray:
 
 
 def _stretches(rows: Indices, campaign: Campaign) -> list[Indices]:
-    """Return stretches of nearly equal row count in order of time; where a time is missing, in order of rows."""
+    """Return stretches of nearly equal row count in time order; where a time is missing, in row order."""
     time = campaign.time_s
     if time is not None and not np.isnan(time[rows]).any():
         rows = rows[np.argsort(time[rows], kind="stable")]
@@ -177,9 +178,9 @@ def _stretches(rows: Indices, campaign: Campaign) -> list[Indices]:
 
 
 def _regions(rows: Indices, campaign: Campaign) -> list[Indices]:
-    """Return neighbours in drive space (each drive over its spread), by halving the largest block over and over."""
-    values = np.zeros(campaign.drives.shape, dtype=np.int64)  # of other rows a drive may not be known
-    values[rows] = commands(campaign.drives[rows])  # repeats of a pose are not parted
+    """Return neighbours in drive space (each drive over its spread), by repeatedly halving the largest block."""
+    values = np.zeros(campaign.drives.shape, dtype=np.int64)  # in other rows a drive may not be known
+    values[rows] = commands(campaign.drives[rows])  # repeats of a pose are not separated
     spread = np.maximum(values[rows].std(axis=0), np.finfo(float).tiny)
     whole, divisible = list[Indices](), [rows]
     while divisible and len(whole) + len(divisible) < BLOCKS:
@@ -193,7 +194,7 @@ def _regions(rows: Indices, campaign: Campaign) -> list[Indices]:
 
 
 def _halve(rows: Indices, commanded: Indices, spread: FloatArray) -> tuple[Indices, Indices] | None:
-    """Split at the median of the widest drive; equal values stay together. None: all rows are the same pose."""
+    """Split at the median of the drive with the widest range; equal values stay together. None: all are one pose."""
     values = commanded[rows, np.argmax(np.ptp(commanded[rows], axis=0) / spread)]
     steps, counts = np.unique(values, return_counts=True)
     if steps.size < 2:

@@ -1,1 +1,1 @@
-"""The two frames nobody knows, tracker and target: what is seen through them, their fit, where it starts, sessions."""
+"""The two unknown frames, tracker and target: what is measured through them, their fit, its starts, sessions."""

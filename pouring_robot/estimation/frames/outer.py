@@ -1,9 +1,9 @@
-"""The two outer frames nobody knows: tracker → fixed platform, and moving platform → target.
+"""The two unknown outer frames: tracker → fixed platform, and moving platform → target.
 
     seen = T_tracker_base ∘ X ∘ T_end_target
 
-X is the pose of the moving platform (end) in the fixed platform (base). :class:`OuterFrames` carries poses to the
-tracker and says how they move with the frames: the one Jacobian of the frames that checks, calibration, design and
+X is the pose of the moving platform (end) in the fixed platform (base). :class:`OuterFrames` transforms poses to the
+tracker and differentiates them by the frames: the one Jacobian of the frames that checks, calibration, design and
 diagnosis use. :mod:`pouring_robot.estimation.frames.fit` fits both. With R_1, t_1 and R_2, t_2 the two frames and R, p
 a row's X:
 
@@ -29,13 +29,13 @@ FRAME_PARAMETERS: tuple[FrameParameter, ...] = (
 """The twelve unknowns of the two outer frames, first in every vector of unknowns."""
 FRAMES = len(FRAME_PARAMETERS)
 FRAME_STD = 0.1
-"""Of the outer frames against their first fit, in m and rad: nothing is known of them. Large against what any campaign
-leaves open, so that it only picks one answer where several are the same (see the y of target and tracker)."""
+"""Prior of the outer frames relative to their first fit, in m and rad: nothing is known about them. It is large against
+what any campaign leaves open, so it only picks one of several equivalent answers (see the y of target and tracker)."""
 
 
 @dataclass(frozen=True, eq=False)
 class OuterFrames:
-    """Where the tracker sees the fixed platform, and where the target sits on the moving one."""
+    """Where the tracker sees the fixed platform, and where the target is on the moving one."""
 
     T_tracker_base: pin.SE3  # pose of the fixed platform in the tracker frame
     T_end_target: pin.SE3  # pose of the target in the moving platform
@@ -50,10 +50,10 @@ class OuterFrames:
         return OuterFrames(self.T_tracker_base * base, tool * self.T_end_target)
 
     def seen(self, poses: PoseStack, base: FloatArray | None = None, scale: FloatArray | None = None) -> PoseStack:
-        """Return the poses the tracker should see of n poses of the moving platform in the fixed one.
+        """Return the target poses that the tracker should see for n poses of the moving platform in the fixed one.
 
-        Row by row ``base``, (n, 6), displaces the fixed platform in its own axes, in m and rad, and positions count 1 +
-        ``scale`` times, (n,), about the tracker's own origin.
+        Row by row ``base``, (n, 6), displaces the fixed platform in its own axes, in m and rad, and positions are
+        multiplied by 1 + ``scale``, (n,), about the tracker's own origin.
         """
         outer, turned = self.T_tracker_base, self._turned(base)
         if base is None:
@@ -63,7 +63,7 @@ class OuterFrames:
             position += base[:, :3] @ outer.rotation.T
         if scale is not None:
             position *= 1.0 + scale[:, None]
-        # One product of all rows with what is the same for all: many of 3 x 3 matrices take far longer.
+        # One product for all rows with the common factor: many products of 3 x 3 matrices take far longer.
         rotation = (poses.rotation.reshape(-1, 3) @ self.T_end_target.rotation).reshape(-1, 3, 3)
         return PoseStack(position, turned @ rotation)
 
@@ -72,7 +72,7 @@ class OuterFrames:
         return np.asarray(self.T_tracker_base.translation + self.places(poses) @ self.T_tracker_base.rotation.T)
 
     def jacobian(self, poses: PoseStack, base: FloatArray | None = None) -> FloatArray:
-        """Return how what is seen moves with :data:`FRAME_PARAMETERS` at zero, (n, 6, 12); see :meth:`seen`.
+        """Return the derivative of :meth:`seen` by :data:`FRAME_PARAMETERS` at zero, (n, 6, 12).
 
         Displacement of the target's origin (m) and rotation vector (rad), both in tracker axes, per m and rad.
         """
@@ -90,9 +90,9 @@ class OuterFrames:
     def carried(
         self, matrix: FloatArray, poses: PoseStack, base: FloatArray | None = None, out: FloatArray | None = None
     ) -> FloatArray:
-        """Return columns of G, (n, 6, P), carried from the moving platform to the target, in tracker axes.
+        """Return columns of G, (n, 6, P), transformed from the moving platform to the target, in tracker axes.
 
-        They are written into ``out`` if there is one.
+        They are written to ``out`` if it is given.
         """
         turned, moved = self._turned(base), np.empty_like(matrix) if out is None else out
         lever = poses.rotation @ self.T_end_target.translation
@@ -105,7 +105,7 @@ class OuterFrames:
         return rotation if base is None else rotation @ rotation_matrices(base[:, 3:])
 
     def places(self, poses: PoseStack) -> FloatArray:
-        """Return the target in the fixed platform, (n, 3), in m."""
+        """Return the position of the target in the fixed platform, (n, 3), in m."""
         return np.asarray(poses.position_m + poses.rotation @ self.T_end_target.translation)
 
 
@@ -113,7 +113,7 @@ def displaced_columns(values: FloatArray) -> FloatArray:
     """Return ∂(unknowns at zero)/∂(unknowns at ``values``) of the frames, (12, 12): J at values is J at zero times it.
 
     J at zero is that of the frames already moved by ``values``, (12,), in m and rad. exp(w + dw) turns by the right
-    Jacobian of w in turned axes, by the left one in the axes before.
+    Jacobian of w in the rotated axes, by the left one in the original axes.
     """
     chain, turn = np.eye(FRAMES), values[9:12]
     left = pin.Jexp3(-turn)  # the left Jacobian of w is the right one of -w

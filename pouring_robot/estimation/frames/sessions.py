@@ -1,8 +1,8 @@
 """Sessions with frames of their own: the tracker was set up anew, so each session sees the base elsewhere.
 
-Whole poses and places are brought into the frame of the largest session first, by the present robot
-(:func:`in_one_frame`). What is left, its errors, are six more unknowns a session (:class:`SessionParameter`): the
-displacement of the base in its own axes that this session's rows see, fitted with everything else.
+Complete poses and positions are first transformed to the frame of the largest session, by the present robot
+(:func:`in_one_frame`). The remaining errors of that are six more unknowns per session (:class:`SessionParameter`): the
+displacement of the base in its own axes that the rows of this session see, fitted with everything else.
 """
 
 import dataclasses
@@ -23,13 +23,13 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices, robust_sigma
 from pouring_robot.mechanism.local_parameters import COMPONENTS, FrameParameter
 from pouring_robot.mechanism.rotations import nearest_rotations, rotation_vectors
 
-SESSION = "session "  # how the names of what only a session sees begin
+SESSION = "session "  # how the names of unknowns of a session begin
 _ROUNDS = 12
 
 
 @dataclass(frozen=True)
 class SessionParameter(FrameParameter):
-    """One of the six numbers by which a session sees the base displaced against the largest session."""
+    """One of the six displacements of the base in a session, relative to the largest session."""
 
     session: str  # its name
 
@@ -40,21 +40,21 @@ class SessionParameter(FrameParameter):
 
 
 def session_parameters(campaign: Campaign) -> tuple[SessionParameter, ...]:
-    """Return the unknowns of all sessions but the largest; none where all see the base at one place."""
+    """Return the unknowns of all sessions but the largest; none where all see the base in the same place."""
     others = by_size(campaign)[1:] if campaign.metadata.own_frames else []
     return tuple(SessionParameter("base", component, name) for name in others for component in COMPONENTS)
 
 
 def numbers_of(sessions: Sequence[str], parameters: Sequence[SessionParameter]) -> Indices:
-    """Return the number of each row's session among those that unknowns are of, (n,); -1: it has none."""
+    """Return the number of each row's session among those that have unknowns, (n,); -1: it has none."""
     own = {name: k for k, name in enumerate(dict.fromkeys(p.session for p in parameters))}
     return np.array([own.get(name, -1) for name in sessions], dtype=np.intp)
 
 
 def by_size(campaign: Campaign) -> list[str]:
-    """Return the names of the sessions, the one first whose frame the others are brought into: the largest.
+    """Return the names of the sessions, the largest first, to whose frame the others are transformed.
 
-    Those without a place or turn are left out: distances between their rows are the same from wherever they are seen.
+    Those without a position or rotation are left out: distances between their rows do not depend on the frame.
     """
     seen = campaign.usable & (campaign.position_measured | campaign.rotation_measured).any(axis=1)
     names = [name for name, used in zip(campaign.sessions, seen, strict=True) if used]
@@ -68,7 +68,7 @@ def _too_few(campaign: Campaign, name: str) -> CampaignError:
 
 
 def _refuse_lines_between_frames(campaign: Campaign) -> None:
-    """Refuse distances from a fixed point, which is another in each session, and from the row of another session."""
+    """Refuse distances from a fixed point, which differs between sessions, and from a row of another session."""
     if campaign.distance_m is None:
         return
     start, (_, session) = campaign.distance_start, np.unique(campaign.sessions, return_inverse=True)
@@ -82,15 +82,15 @@ def _refuse_lines_between_frames(campaign: Campaign) -> None:
 
 
 def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
-    """Return a campaign whose sessions all measure from where the tracker stood in the largest one.
+    """Return a campaign whose sessions all measure from the tracker's place in the largest one.
 
-    One of one frame is returned as it is. The ``poses`` are those of the present robot's end body in the base for every
-    row, NaN where unknown.
+    A campaign with one frame is returned unchanged. ``poses`` are those of the present robot's end body in the base for
+    every row, NaN where unknown.
 
     Raises:
-        CampaignError: a session has too few whole positions to tell where it measured from, or a distance is from a
-            fixed point or another session.
-        FrameFitError: of those of the largest too few have drives that reach a pose.
+        CampaignError: a session has too few complete positions to determine where it was measured from, or a distance
+            is from a fixed point or another session.
+        FrameFitError: too few rows of the largest session have drives that reach a pose.
     """
     if not campaign.metadata.own_frames or len(set(campaign.sessions)) < 2:
         return campaign
@@ -118,9 +118,9 @@ def in_one_frame(campaign: Campaign, poses: PoseStack) -> Campaign:
 
 
 def _seen_from(target: PoseStack, measured: PoseStack, metres_per_rad: float) -> pin.SE3 | None:
-    """Return where the base stands in the tracker that sees targets (base frame) as measured; None: too few rows.
+    """Return the pose of the base in the tracker that sees targets (base frame) as measured; None: too few rows.
 
-    Rows weigh by Huber; rotations, where measured, weigh by ``metres_per_rad`` against places.
+    Rows have Huber weights; rotations, where measured, are weighted by ``metres_per_rad`` against positions.
     """
     used = target.complete & np.isfinite(measured.position_m).all(axis=1)
     if used.sum() < FEWEST_FOR_FRAMES:
@@ -134,16 +134,16 @@ def _seen_from(target: PoseStack, measured: PoseStack, metres_per_rad: float) ->
         turns = np.einsum("n,nij,nkj->ik", weights[turned], there.rotation[turned], here.rotation[turned])
         rotation = nearest_rotations(spread + metres_per_rad**2 * turns)
         base = pin.SE3(rotation, seen - rotation @ middle)
-        left = np.linalg.norm(there.position_m - here.position_m @ base.rotation.T - base.translation, axis=1)
-        sigma = robust_sigma(left / np.sqrt(3.0))
-        weights = huber_weights(left, PRELIMINARY_HUBER_BOUND * np.sqrt(3.0) * sigma) if sigma else weights
+        misfit = np.linalg.norm(there.position_m - here.position_m @ base.rotation.T - base.translation, axis=1)
+        sigma = robust_sigma(misfit / np.sqrt(3.0))
+        weights = huber_weights(misfit, PRELIMINARY_HUBER_BOUND * np.sqrt(3.0) * sigma) if sigma else weights
     return base
 
 
 def base_displacements(values: FloatArray, session: Indices) -> FloatArray:
     """Return the displacement of the base that each row sees, (n, 6), in m and rad.
 
-    ``values`` are those of the session parameters, (6 s,); ``session`` is the number of each row's among them, (n,), or
-    -1.
+    ``values`` are those of the session parameters, (6 s,); ``session`` is the number of each row's session among them,
+    (n,), or -1.
     """
     return np.asarray(np.concatenate([values.reshape(-1, 6), np.zeros((1, 6))])[session])

@@ -1,15 +1,15 @@
-r"""Where a fit of the two outer frames starts: from anywhere, whatever the robot, whatever single rows say.
+r"""Starts of a fit of the two outer frames: from anywhere, for any robot, despite single wrong rows.
 
-With R_1, t_1 and R_2, t_2 the outer frames, R, p the pose of a row, s and S what is seen of it, and A = R_1ᵀ,
+With R_1, t_1 and R_2, t_2 the outer frames, R, p the pose of a row, s and S what is measured of it, and A = R_1ᵀ,
 
 .. math:: A s = p + R t_2 + c, \qquad R^T A S = R_2
 
-Once A is given, c and t_2 are linear and R_2 is a mean. Eliminated, they leave a quadratic form of the nine entries of
-A (in robotics the problem is known as AX = YB), and that is minimised over all rotations by Newton's method from the 24
-rotations that take axes into axes; after a few steps the better of them go on. Nothing is inverted that few, flat or
-straight poses leave singular. The form is made of all rows, and of small sets of rows drawn at random, of which some
-hold no gross error; all rows then judge by their absolute misfit (least squares of random sets: Fischler & Bolles, CACM
-24, 1981).
+For a given A, c and t_2 are linear and R_2 is a mean. Eliminating them leaves a quadratic form of the nine entries of A
+(in robotics the problem is known as AX = YB). Newton's method minimises it over all rotations from the 24 rotations
+that map axes to axes; after a few steps only the better ones continue. No matrix is inverted that few, flat or
+straight poses make singular. The form is made of all rows, and of small sets of rows drawn at random, some of which
+contain no gross error; the absolute misfit of all rows then ranks the results (least squares of random sets: Fischler &
+Bolles, CACM 24, 1981).
 """
 
 import numpy as np
@@ -22,26 +22,26 @@ from pouring_robot.io.seeds import FRAMES_SEED
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, evenly_spaced
 from pouring_robot.mechanism.rotations import nearest_rotations, rotation_matrices, skew
 
-FEWEST_FOR_FRAMES = 6  # rows that a fit of the frames needs at the least
+FEWEST_FOR_FRAMES = 6  # fewest rows for a fit of the frames
 CUBE_ROTATIONS: FloatArray = Rotation.create_group("O").as_matrix()
-"""The 24 that take axes into axes, (24, 3, 3): from the nearest of them no rotation is far."""
+"""The 24 rotations that map axes to axes, (24, 3, 3): no rotation is far from the nearest of them."""
 _MOST_ROWS = 400  # a start needs no more
 _SETS = 32  # of six rows; were a quarter of them wrong, all sets would hold a wrong one once in 500 times
 _STEPS = 20
-_KEPT = {1: 8, 3: 4}  # of the 24, how many of the least misfit go on after so many steps
+_KEPT = {1: 8, 3: 4}  # how many of the 24, those of least misfit, continue after so many steps
 _CONVERGED = 1e-9  # rad: the next step would be its square
-_LONGEST_TURN = 0.7  # rad: beyond it a quadratic says little of rotations
+_LONGEST_TURN = 0.7  # rad: beyond it a quadratic is a poor model of rotations
 _APART = 0.15  # of matrices, 0.1 rad: nearer starts are the same
 _MOST_STARTS = 3
-TURNING = 1e-6  # root mean square of what varies of rotation matrices: below it no instrument sees them turn
+TURNING = 1e-6  # root mean square of the variation of rotation matrices: no instrument sees less
 _ROUND_OFF = 1e-9
 
 
 def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -> list[OuterFrames]:
-    """Return up to three starts that differ, the best first; rotations weigh ``metres_per_rad`` against positions.
+    """Return up to three different starts, the best first; rotations weigh ``metres_per_rad`` against positions.
 
-    Poses of the moving platform in the fixed one are complete; of those measured, of the target in the tracker frame,
-    rotations are NaN where missing.
+    Poses of the moving platform in the fixed one are complete; measured poses, of the target in the tracker frame, have
+    NaN rotations where these are missing.
     """
     chosen = evenly_spaced(len(poses), _MOST_ROWS)
     there, seen = poses[chosen], measured[chosen]
@@ -71,9 +71,9 @@ def frame_starts(poses: PoseStack, measured: PoseStack, metres_per_rad: float) -
 def affine_map(poses: PoseStack, position_m: FloatArray, rows: BoolArray) -> tuple[FloatArray, float]:
     """Return the best affine map from fixed-platform to tracker axes, (3, 3), and how well the poses determine it.
 
-    A sound campaign gives a rotation. Mirrored axes give a negative determinant. The second value is the least
-    over the largest singular value of what of the poses' positions their rotations do not explain: below 0.01 the map
-    says little.
+    A sound campaign gives a rotation; mirrored axes give a negative determinant. The second value is the ratio of the
+    least to the largest singular value of the part of the poses' positions that their rotations do not explain: below
+    0.01 the map is poorly determined.
     """
     p, r = poses.position_m[rows], poses.rotation[rows].reshape(-1, 9)
     p, r = p - p.mean(axis=0), r - r.mean(axis=0)
@@ -87,7 +87,7 @@ def affine_map(poses: PoseStack, position_m: FloatArray, rows: BoolArray) -> tup
 
 
 def _robust_linear(design: FloatArray, target: FloatArray) -> FloatArray:
-    """Solve design @ solution = target, rows weighed by one over their misfit (least absolute deviations)."""
+    """Solve design @ solution = target with rows weighted by one over their misfit (least absolute deviations)."""
     weight = np.ones(len(design))
     scale = np.linalg.norm(design, axis=0)
     scale[scale == 0.0] = 1.0
@@ -103,7 +103,7 @@ def _robust_linear(design: FloatArray, target: FloatArray) -> FloatArray:
 def _positive(matrices: FloatArray) -> BoolArray:
     """Return which symmetric matrices (..., 3, 3) are positive definite: their leading minors are positive.
 
-    Of many small ones the eigenvalues take twenty times as long.
+    For many small matrices eigenvalues take twenty times as long.
     """
     a, b, c = (matrices[..., 0, k] for k in range(3))
     d, e, f = matrices[..., 1, 1], matrices[..., 1, 2], matrices[..., 2, 2]
@@ -113,9 +113,9 @@ def _positive(matrices: FloatArray) -> BoolArray:
 
 
 class _Form:
-    """The quadratic forms of A, one a set of rows: their sum of squares with c, t_2 and R_2 at their best.
+    """The quadratic forms of A, one for each set of rows: their sum of squares with the best c, t_2 and R_2.
 
-    They are those of :func:`frame_starts` for n rows; ``sets`` holds the weights of the rows in each set, (K, n).
+    They serve :func:`frame_starts` for n rows; ``sets`` holds the weights of the rows in each set, (K, n).
     """
 
     def __init__(self, poses: PoseStack, measured: PoseStack, metres_per_rad: float, sets: FloatArray) -> None:
@@ -128,9 +128,9 @@ class _Form:
         self.mean = np.einsum("kn,nij->kij", sets, self.rows, optimize=True) / weight[:, None, None]
         squares = np.einsum("nij,nil->njl", self.rows, self.rows).reshape(n, -1)
         gram = (sets @ squares).reshape(-1, 13, 13)
-        gram -= weight[:, None, None] * np.swapaxes(self.mean, 1, 2) @ self.mean  # with c at its best
+        gram -= weight[:, None, None] * np.swapaxes(self.mean, 1, 2) @ self.mean  # with the best c
         size, frame = np.linalg.eigh(gram[:, 9:12, 9:12])
-        # t_2 is told by what varies of the rotations, whose entries are of size one.
+        # t_2 is determined by the variation of the rotations, whose entries are of size one.
         varies = size > TURNING**2 * weight[:, None]
         inverse = (frame * (varies / np.where(varies, size, 1.0))[:, None]) @ np.swapaxes(frame, 1, 2)
         kept = [*range(9), 12]
@@ -147,14 +147,14 @@ class _Form:
         self.matrix = self.matrix + 0.5 * metres_per_rad**2 * counts * scatter * known.any()
 
     def least(self) -> FloatArray:
-        """Return the rotation A of the least sum of squares, (K, 3, 3), of each set."""
+        """Return the rotation A with the least sum of squares for each set, (K, 3, 3)."""
         sets, axes = len(self.matrix), skew(np.eye(3))
-        # A turned a little about each axis, by the entries of A; and what the turn's second order adds to a curvature.
+        # Derivative of a small rotation of A about each axis, by the entries of A; and its second-order curvature term.
         turned = np.concatenate([np.kron(np.eye(3), axis) for axis in axes], axis=1)
         twice = 0.5 * (axes[:, None] @ axes + axes @ axes[:, None])
         floor = _ROUND_OFF * np.trace(self.matrix, axis1=1, axis2=2)[:, None, None] + np.finfo(float).tiny
         flat = np.tile(CUBE_ROTATIONS.reshape(-1, 9), (sets, 1, 1))
-        still = np.arange(sets)  # of the others every start is where it ends
+        still = np.arange(sets)  # in the other sets every start has converged
         for steps in range(_STEPS):
             if steps in _KEPT:
                 least = np.argsort(self._cost(flat), axis=1)[:, : _KEPT[steps], None]
@@ -169,7 +169,7 @@ class _Form:
             seen = (along @ matrix).reshape(*rotation.shape[:3], 9)
             curvature = seen @ np.swapaxes(along.reshape(seen.shape), 2, 3)
             whole = curvature + (back @ twice.reshape(9, 9).T).reshape(rotation.shape)
-            # Downhill: where the whole curvature bends the wrong way, by that of squares alone.
+            # Always downhill: where the whole curvature is not positive, that of the squares alone is used.
             chosen = np.where(_positive(whole)[..., None, None], whole, curvature)
             chosen += floor[still, ..., None] * np.eye(3)
             step = -np.linalg.solve(chosen, gradient[..., None])[..., 0]
@@ -184,18 +184,18 @@ class _Form:
         return np.asarray(flat[np.arange(sets), best].reshape(-1, 3, 3))
 
     def _cost(self, flat: FloatArray) -> FloatArray:
-        """Return the sums of squares of rotations by their entries, (K, s, 9), less a constant of the set, (K, s)."""
+        """Return the sums of squares, (K, s), of rotations by their entries, (K, s, 9), less a constant of the set."""
         return np.asarray(((flat @ self.matrix - 2.0 * self.vector[:, None]) * flat).sum(axis=-1))
 
     def rest(self, rotations: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the absolute misfit of all rows (K,), in m, and c (K, 3), t_2 (K, 3), R_2 (K, 3, 3) for given A."""
+        """Return the absolute misfit of all rows, (K,), in m, and c (K, 3), t_2 (K, 3), R_2 (K, 3, 3) for given A."""
         flat = rotations.reshape(-1, 9)
         one = np.ones((len(flat), 1))
         inner = (self.to_inner @ np.concatenate([flat, one], axis=1)[..., None])[..., 0]
         values = np.concatenate([flat, inner, one], axis=1)
         constants = (self.mean @ values[..., None])[..., 0]
-        left = np.einsum("nij,kj->kni", self.rows, values, optimize=True) - constants[:, None]
-        misfit = np.linalg.norm(left, axis=2).sum(axis=1)
+        residual = np.einsum("nij,kj->kni", self.rows, values, optimize=True) - constants[:, None]
+        misfit = np.linalg.norm(residual, axis=2).sum(axis=1)
         if not len(self.turns):
             return misfit, constants, inner, np.tile(np.eye(3), (len(flat), 1, 1))
         inner_rotation = nearest_rotations((self.mean_turn @ flat[..., None]).reshape(-1, 3, 3))
