@@ -1,1 +1,1 @@
-"""Measured data in, calibrated robot out: choice of parameters, fit, judgement on rows nobody has looked at, report."""
+"""Measured data in, calibrated robot out: choice of parameters, fit, test on held-out rows, report."""

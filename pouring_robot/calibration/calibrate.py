@@ -1,4 +1,4 @@
-"""From a campaign to a calibrated robot: check, split, choose, fit, judge on rows nobody has looked at."""
+"""From a campaign to a calibrated robot: check, split, choose, fit, test on held-out rows."""
 
 import functools
 from collections.abc import Sequence
@@ -53,14 +53,14 @@ from pouring_robot.robot.tolerances import Tolerances
 
 @dataclass(frozen=True)
 class CalibrationOptions(Options):
-    """What to identify and how; what is of another type raises BadInputError."""
+    """What to identify and how; values of a wrong type raise BadInputError."""
 
     parameters: str | tuple[str, ...] = ("geometry",)  # sets, groups, patterns; each a group kept or dropped as a whole
     tolerances: Tolerances | None = None  # priors, such as Tolerances.load reads; by default the shipped ones
     hold_out: HoldOut = "auto"  # what kind of blocks to hold out
     choose: bool = True  # whether groups are kept only where they help held-out rows; otherwise all are kept
     fit: FitOptions = field(default_factory=FitOptions)
-    threads: int | None = None  # how many share the work; by default one a core
+    threads: int | None = None  # how many share the work; by default one per core
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,15 +85,15 @@ def calibrate(
     options: CalibrationOptions | None = None,
     progress: Progress = say_nothing,
 ) -> Calibration:
-    """Calibrate a robot with a campaign, or the table of one; parameters come on top of the errors of its model.
+    """Calibrate a robot with a campaign, or the table of one; parameters are added to the errors of its model.
 
-    So do its effects that depend on conditions: the campaign says under which.
+    Effects of the model that depend on conditions are applied under those of the campaign.
 
     Raises:
         CampaignError: the data are wrong as a whole (units, frames, columns); ``campaign check`` says more.
         FrameFitError: too few rows.
         CalibrationError: too few rows, the fit fails, or an effect of the model needs a condition that the campaign
-            does not say; nothing is to be exported.
+            does not have; there is nothing to export.
         BadInputError: the parameters or tolerances are wrong.
     """
     options = options or CalibrationOptions()
@@ -129,7 +129,7 @@ def calibrate(
     if refused:
         selection, answer = replace(selection, groups=()), present
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
-    base, rank_anywhere = task.told_by(answer)
+    base, rank_anywhere = task.identifiable(answer)
     dropped = task.dropped(answer, [group for group in candidates if group not in selection.groups])
     ladle, ladle_measured = task.ladle(answer, dropped)
     return Calibration(
@@ -158,7 +158,7 @@ def calibrate(
 
 
 class _Answer(NamedTuple):
-    """What a fit of some groups comes to."""
+    """The result of a fit of some groups."""
 
     rows: ModelledRows  # all rows with these groups
     fit: Fit
@@ -170,7 +170,7 @@ class _Task:
     """A campaign, which of its rows are fitted, and how."""
 
     campaign: Campaign
-    rows: ModelledRows  # all rows, with all parameters that there are to choose from
+    rows: ModelledRows  # all rows, with all candidate parameters
     parts: Split
     left_out: Indices
     tolerances: Tolerances
@@ -193,27 +193,27 @@ class _Task:
         return self.measured.among(self.parts.train)
 
     def _begun(self, rows: ModelledRows) -> tuple[ModelledRows, MeasuredPoses, Unknowns, FloatArray]:
-        """Return what a fit begins with: training rows, what was measured in them, unknowns and their priors."""
+        """Return what a fit starts from: training rows, what was measured in them, unknowns and their priors."""
         used, seen = self.training
         train = rows[used]
         prior_std = rows.model.prior_std(self.tolerances, framed=self.measured.framed)
         return train, seen, first_frames(train, seen), prior_std
 
     def with_noise_settled(self, progress: Progress) -> Self:
-        """Return it with what nobody states of the noise taken from what a fit of everything leaves over."""
+        """Return the task with unstated noise taken from the residuals of a fit of all candidates."""
         if not self.noise.from_residuals:
             return self
         progress("estimating the noise from residuals", 0, 0)
         return replace(self, noise=settled_noise(*self._begun(self.rows), self.noise, self.options))
 
     def without_gross_errors(self, hold_out: HoldOut, progress: Progress) -> Self:
-        """Return it without the rows that a fit of everything does not explain, if it explains the others.
+        """Return the task without the rows that a fit of all candidates does not explain, if it explains the others.
 
-        Otherwise what the model lacks shows in many rows, and none is known to be wrong.
+        Otherwise the model lacks something that shows in many rows, and none is known to be wrong.
         """
         found = tried = self
         for _ in range(ROUNDS):
-            more = tried._unfitting(np.setdiff1d(tried.left_out, self.left_out).size)
+            more = tried._outlying(np.setdiff1d(tried.left_out, self.left_out).size)
             if not more.size:
                 break
             progress("leaving out rows that fit nothing", 0, 0)
@@ -222,7 +222,7 @@ class _Task:
         return found
 
     def _without(self, rows: Indices, hold_out: HoldOut) -> Self:
-        """Return it with more rows left out."""
+        """Return the task with more rows left out."""
         left_out = np.union1d(self.left_out, rows)
         try:
             parts = split(self.campaign, left_out, hold_out)
@@ -231,23 +231,23 @@ class _Task:
             raise CalibrationError(said, few.mend) from few
         return replace(self, parts=parts, left_out=left_out, noise=noise_beforehand(self.campaign, parts.train))
 
-    def _unfitting(self, gone: int) -> Indices:
-        """Return the rows that are gross errors by a fit of everything; none where there is no such fit."""
+    def _outlying(self, gone: int) -> Indices:
+        """Return the rows that are gross errors by a fit of all candidates; none where there is no such fit."""
         if self.everything is None:
             return np.zeros(0, dtype=np.intp)
-        told = self.campaign, self.rows, self.measured, self.parts
-        return outlying_rows(*told, self.everything, gone)
+        data = self.campaign, self.rows, self.measured, self.parts
+        return outlying_rows(*data, self.everything, gone)
 
     @functools.cached_property
     def everything(self) -> Fit | None:
-        """A fit of all that there is to choose from to the training rows; None where rows do not bear one."""
+        """A fit of all candidates to the training rows; None where these do not allow one."""
         try:
             return identify(*self._begun(self.rows), self.options)
         except CalibrationError:
             return None
 
     def off(self, rows: Indices) -> FloatArray:
-        """Return by how many times the noise rows (k,) are off a fit of everything to others, the largest of each."""
+        """Return the largest error of each of rows (k,), over the noise, from a fit of all candidates to other rows."""
         if self.everything is None or not rows.size:
             return np.zeros(rows.size)
         left = self.every.residual(self.rows.predict(self.everything.unknowns))[rows]
@@ -262,16 +262,16 @@ class _Task:
 
     @functools.cached_property
     def _stretches(self) -> tuple[Indices, ...]:
-        """Stretches of time among the training rows, by index in these, which intervals are told without in turn."""
+        """Stretches of time among the training rows, by index in these, which the jackknife leaves out in turn."""
         aside = np.setdiff1d(np.arange(len(self.campaign)), self.parts.train)
         stretches = [*blocks(self.campaign, "time", aside).values()]
-        if self.rows.model.sessions:  # a part of each: without the whole of one nobody knows where it was measured from
+        if self.rows.model.sessions:  # a part of each: without a whole session its frame would be unknown
             apart = (np.array_split(own, BLOCKS) for own in blocks(self.campaign, "session", aside).values())
             stretches = [np.concatenate(some) for some in zip(*apart, strict=True)]
         return tuple(np.flatnonzero(np.isin(self.training[0], stretch)) for stretch in stretches)
 
     def refusal(self, selection: Selection, present: _Answer, answer: _Answer) -> Refusal | None:
-        """Return why groups that were chosen are not kept; None where the rows held out bear them."""
+        """Return why groups that were chosen are not kept; None where the held-out rows accept them."""
         test = self.parts.test
         scores = (row_scores(one.left[test], self.every.sigma) for one in (present, answer))
         if acceptable(*scores):
@@ -279,8 +279,8 @@ class _Task:
         names = tuple(group.name for group in selection.groups)
         return Refusal(names, Misfit.of(present.left[test]), Misfit.of(answer.left[test]))
 
-    def told_by(self, answer: _Answer) -> tuple[BaseParameters, int]:
-        """Return what the training rows tell of the groups, and the rank if all the workspace were measured besides."""
+    def identifiable(self, answer: _Answer) -> tuple[BaseParameters, int]:
+        """Return what the training rows determine of the groups, and the rank with all the workspace measured, too."""
         used, seen = self.training
         model, unknowns = answer.rows.model, answer.fit.unknowns
         start = unknowns.at(np.zeros_like(unknowns.values))
@@ -295,11 +295,11 @@ class _Task:
         )
 
     def _anywhere(self, rows: ModelledRows) -> ModelledRows:
-        """Return commands all over the workspace; with redundant drives only those of the rows are known to fit."""
+        """Return commands all over the workspace; with redundant drives only the rows' are known to be consistent."""
         return rows if self.campaign.redundant_drives else workspace_rows(rows.model)
 
     def dropped(self, answer: _Answer, groups: Sequence[ParameterGroup]) -> UnfittedParameters:
-        """Return what the groups that an answer is without do to it."""
+        """Return how the groups that an answer lacks affect it."""
         return UnfittedParameters.beside(
             answer.fit, answer.rows, self.training, all_parameters(groups), self.tolerances
         )
@@ -319,9 +319,9 @@ class _Task:
 
 
 def _under_effects(rows: ModelledRows, campaign: Campaign) -> tuple[ModelledRows, tuple[str, ...]]:
-    """Return the rows with what the effects that the model has change in them, and which are none in some.
+    """Return the rows with the changes by the model's effects, and which effects are taken as zero in some rows.
 
-    Rows that the fit leaves out are among them: what is left in them is shown, and the robot came by them.
+    Rows that the fit leaves out are included: their residuals are shown, and the robot passed through them.
     """
     used = np.flatnonzero(campaign.usable & np.isfinite(rows.start.position).all(axis=1))  # that the drawing closes at
     model, known = rows.model.model, campaign.subset(used)

@@ -30,7 +30,7 @@ from pouring_robot.robot.parameter_catalogue import ParameterGroup
 if TYPE_CHECKING:
     import pandas
 
-LEARNT = 0.5  # a parameter is measured when the data took at least this share of its prior variance away
+LEARNT = 0.5  # a parameter is measured when the data removed at least this share of its prior variance
 _SEEN = 0.01  # below this share no pose of the campaign shows a parameter by itself
 
 
@@ -41,23 +41,23 @@ class CalibrationFindings(Result):
     campaign: Campaign
     present: RobotModel  # the robot before; ``calibrated`` after: what to export
     calibrated: RobotModel
-    flags: tuple[DataFlag, ...]  # what the checks of the data found, and rows that fit nothing
-    left_out: Indices  # rows that took no part: gross errors, and poses or drives out of reach
-    split: Split  # who was held out when
+    flags: tuple[DataFlag, ...]  # findings of the data checks, and gross errors found by a fit
+    left_out: Indices  # rows that are not used: gross errors, and poses or drives out of reach
+    split: Split  # which rows were held out
     noise: NoiseLevel
-    candidates: tuple[ParameterGroup, ...]  # the groups that were to choose from
+    candidates: tuple[ParameterGroup, ...]  # the groups to choose from
     selection: Selection  # the groups kept and what was tried
     refused: Refusal | None  # what was chosen, but made held-out rows worse and is not kept; None: nothing
-    untold: tuple[str, ...]  # effects of the model that nobody learned as some rows stood, taken as none there; a line
+    untold: tuple[str, ...]  # effects of the model not learned where some rows are, taken as zero there; a line each
     fit: Fit  # the answer, to all training rows with the groups kept; its covariance is at the noise level as given
     unknown_units: tuple[str, ...]  # unit of each unknown, frames first; ``base`` has their names
     # measured minus predicted by the present robot with its frames fitted to the training rows; all rows, shape (n, K),
     # in m and rad, tracker axes; NaN where missing. ``after`` by the calibrated robot.
     before: FloatArray
     after: FloatArray
-    base: BaseParameters  # what the training rows can tell of the groups kept, at the present robot
-    rank_anywhere: int  # its rank if poses all over the workspace were measured besides, and the same way
-    # how far unknowns move in the place of p parameters dropped, as far as these may be off, (12 + P, p), in m and rad
+    base: BaseParameters  # what the training rows determine of the groups kept, at the present robot
+    rank_anywhere: int  # its rank if poses all over the workspace were also measured, in the same way
+    # how far unknowns move in place of p dropped parameters that are as far off as may be, (12 + P, p), in m and rad
     in_place_of_dropped: FloatArray
     ladle: LadleUncertainty  # over the workspace
     ladle_measured: LadleUncertainty  # in the training rows
@@ -65,12 +65,12 @@ class CalibrationFindings(Result):
 
     @property
     def inflation(self) -> float:
-        """By how much residuals exceed the noise, see :attr:`~pouring_robot.estimation.map_fit.Fit.inflation`."""
+        """Ratio of residuals to noise, see :attr:`~pouring_robot.estimation.map_fit.Fit.inflation`."""
         return self.fit.inflation
 
     @property
     def std(self) -> FloatArray:
-        """Standard deviation of each unknown, shape (12 + P,), in m and rad, as told to users."""
+        """Standard deviation of each unknown, shape (12 + P,), in m and rad, as reported to users."""
         return largest_std(np.eye(len(self.fit.prior_std)), self.fit.covariances)
 
     @property
@@ -90,9 +90,9 @@ class CalibrationFindings(Result):
         return Misfit.of((self.after if after else self.before)[np.setdiff1d(rows, self.left_out)])
 
     def floor(self, rows: Indices) -> dict[str, float]:
-        """Return what noise alone would leave of rows: RMS of a value, P95 of a length; NaN where nothing was measured.
+        """Return the error by noise alone in rows: RMS of a value, P95 of a length; NaN where nothing was measured.
 
-        In mm and mrad, of what their :meth:`misfit` is of.
+        In mm and mrad, of the same values as their :meth:`misfit`.
         """
         seen, sigma = self.before[np.setdiff1d(rows, self.left_out)], self._sigma
         found = dict[str, float]()
@@ -139,7 +139,7 @@ class CalibrationFindings(Result):
         return f"{what}: held-out rows{unseen} are at {errors}; noise {noises}."
 
     def to_frame(self) -> pandas.DataFrame:
-        """Return the parameters kept, one a row, in mm and mrad as column ``unit`` says; 95 % intervals."""
+        """Return the parameters kept, one per row, in mm and mrad by column ``unit``, with 95 % intervals."""
         import pandas
 
         names = ("parameter", "group", "unit", "value", "std", "low95", "high95", "prior_std", "learnt", "verdict")
@@ -152,7 +152,7 @@ class CalibrationFindings(Result):
 
 @dataclass(frozen=True)
 class Movement(Estimate):
-    """A parameter, or a combination that the campaign determines, in mm or mrad, on top of the present model."""
+    """A parameter, or a combination that the campaign determines, in mm or mrad, relative to the present model."""
 
     name: str
     unit: str
@@ -176,7 +176,7 @@ class ParameterLine(Movement):
 
     @property
     def learnt(self) -> float:
-        """The share of its prior variance that the data took away; below 0 where stretches of rows scatter it more."""
+        """Share of its prior variance that the data removed; below 0 where stretches of rows make it scatter more."""
         return 1.0 - (self.std / self.prior_std) ** 2
 
     @property
@@ -207,8 +207,8 @@ class GroupLine:
     name: str
     meaning: str
     count: int
-    # by how much it moves what was measured over the fitted rows, RMS of a coordinate (where no place was measured, of
-    # a distance or closure), what a shift of the outer frames would do taken off; ``moved_mrad`` RMS of a rotation
+    # by how much it moves what was measured in the fitted rows, RMS of a coordinate (where no position was measured, of
+    # a distance or closure), without what a shift of the outer frames would do; ``moved_mrad`` RMS of a rotation
     # component; NaN where none was measured
     moved_mm: float
     moved_mrad: float
@@ -219,7 +219,7 @@ def group_effects(calibration: CalibrationFindings) -> list[GroupLine]:
     fit, noise = calibration.fit, calibration.noise
     jacobian, components = fit.equations.derivatives, fit.equations.components
     parameters = sum(len(group.parameters) for group in calibration.selection.groups)
-    frames = np.delete(jacobian, slice(FRAMES, FRAMES + parameters), axis=1)  # those of sessions stand last
+    frames = np.delete(jacobian, slice(FRAMES, FRAMES + parameters), axis=1)  # those of sessions are last
     turned, long = are("rotation", components), are(noise.length_kind, components)
     lines, first = [], FRAMES
     for group in calibration.selection.groups:
@@ -233,9 +233,9 @@ def group_effects(calibration: CalibrationFindings) -> list[GroupLine]:
 
 
 def combination_lines(calibration: CalibrationFindings) -> list[Movement]:
-    """Return what the campaign determines, the surest movement first.
+    """Return the combinations that the campaign determines, the most significant movement first.
 
-    Combinations with an outer frame in them say nothing of the robot.
+    Combinations that include an outer frame say nothing about the robot.
     """
     base, fit = calibration.base, calibration.fit
     # The frames, those of sessions with frames of their own too.

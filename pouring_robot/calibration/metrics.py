@@ -1,4 +1,4 @@
-"""How good a calibration is: residuals, accuracy and repeatability after ISO 9283, and how well it knows the ladle."""
+"""How good a calibration is: residuals, accuracy and repeatability after ISO 9283, uncertainty of the ladle."""
 
 import math
 from collections.abc import Sequence
@@ -23,8 +23,8 @@ class Misfit:
     """How far measurements are from predictions; NaN where nothing was measured."""
 
     rows: int
-    rms_mm: float  # root mean square of a coordinate; where no place was measured, of a distance or closure
-    p95_mm: float  # length of what was measured of a row that 95 % of the rows keep; ``max_mm`` the largest
+    rms_mm: float  # root mean square of a coordinate; where no position was measured, of a distance or closure
+    p95_mm: float  # length of a row's measured values that 95 % of the rows do not exceed; ``max_mm`` the largest
     max_mm: float
     rms_mrad: float  # root mean square of a rotation component; ``p95_mrad`` and ``max_mrad`` of the angle likewise
     p95_mrad: float
@@ -35,7 +35,7 @@ class Misfit:
 
     @classmethod
     def of(cls, difference: FloatArray) -> Self:
-        """Take differences (n, K) in m and rad, NaN where missing."""
+        """Return the misfit of differences (n, K) in m and rad, NaN where missing."""
         position, turn, line = difference[:, :3] / MM, difference[:, 3:6] / MRAD, difference[:, 6:] / MM
         length = difference[:, length_columns(difference)] / MM
         return cls(
@@ -51,19 +51,19 @@ class Misfit:
 
 
 def length_columns(difference: FloatArray) -> slice:
-    """Return which columns of differences (n, K) count as lengths: places, else distances and closures."""
+    """Return which columns of differences (n, K) count as lengths: positions, else distances and closures."""
     placed = np.isfinite(difference[:, :3]).any() or difference.shape[1] <= 6
     return slice(0, 3) if placed else slice(6, None)
 
 
 def values_a_row(vectors: FloatArray) -> float:
-    """Return how many values (n, k) the rows have on average of which any was measured; 0 where none was."""
+    """Return how many values (n, k) rows with any have on average; 0 where nothing was measured."""
     seen = np.isfinite(vectors)
     return float(seen.sum() / max(int(seen.any(axis=1).sum()), 1))
 
 
 def row_lengths(vectors: FloatArray) -> FloatArray:
-    """Return the length of what was measured of each row (n, k), (n,), in its unit; NaN where nothing was."""
+    """Return the length of what was measured in each row (n, k), (n,), in its unit; NaN where nothing was."""
     seen = np.isfinite(vectors)
     return np.where(seen.any(axis=1), np.linalg.norm(np.where(seen, vectors, 0.0), axis=1), np.nan)
 
@@ -80,8 +80,8 @@ class PosePerformance:
 
     AP is the distance from the predicted to the mean attained position; RP = l̄ + 3 S_l, with l the distances of the
     single positions from their mean. Angles likewise; NaN for positions only. Each figure is that of the worst pose, as
-    the standard asks; it wants 30 cycles a pose, and here as many as were measured, of three repeats or more:
-    ``cycles`` is the least number of repeats.
+    the standard requires. The standard also requires 30 cycles per pose; here they are as many as were measured, three
+    repeats or more: ``cycles`` is the least number of repeats.
     """
 
     poses: int
@@ -100,7 +100,7 @@ def pose_performance(
     """Return ISO 9283-style figures, or None without a pose measured three times.
 
     ``before`` and ``after`` are measured minus predicted by the present and the calibrated model, shape (n, K), in m
-    and rad; of the groups of rows commanded alike those with two are left out.
+    and rad; of the groups of rows with the same command, those with two are left out.
     """
     known = [rows[measured.known[rows, :3].all(axis=1)] for rows in groups]
     known = [rows for rows in known if rows.size >= _FEWEST_REPEATS]
@@ -112,33 +112,33 @@ def pose_performance(
 
 
 def _figures(before: FloatArray, after: FloatArray) -> list[float]:
-    """Return AP before and after in mm, the same in mrad, and RP in mm and mrad; NaN of what fewer than three say."""
+    """Return AP before and after in mm, the same in mrad, and RP in mm and mrad; NaN from fewer than three repeats."""
     accuracies, repeatabilities = list[float](), list[float]()
     for part, unit in ((slice(0, 3), MM), (slice(3, 6), MRAD)):
         whole = [one[np.isfinite(one[:, part]).all(axis=1), part] / unit for one in (before, after)]
-        was, left = (one if len(one) >= _FEWEST_REPEATS else np.full((_FEWEST_REPEATS, 3), np.nan) for one in whole)
-        accuracies += [float(np.linalg.norm(one.mean(axis=0))) for one in (was, left)]
-        # Repeats share their prediction, so that differences scatter as the measurements do.
-        lengths = np.linalg.norm(left - left.mean(axis=0), axis=1)
+        was, now = (one if len(one) >= _FEWEST_REPEATS else np.full((_FEWEST_REPEATS, 3), np.nan) for one in whole)
+        accuracies += [float(np.linalg.norm(one.mean(axis=0))) for one in (was, now)]
+        # Repeats share their prediction, so the differences scatter as the measurements do.
+        lengths = np.linalg.norm(now - now.mean(axis=0), axis=1)
         repeatabilities.append(float(lengths.mean() + 3.0 * lengths.std(ddof=1)))
     return accuracies + repeatabilities
 
 
 @dataclass(frozen=True, eq=False)
 class LadleUncertainty:
-    """Standard deviation of the predicted pouring lip, as the device would see it, noise apart.
+    """Standard deviation of the predicted pouring lip, as the device would see it, without measurement noise.
 
-    The lip is taken to move rigidly with the target: a turn of the platform that looks like a turn of the target on it
-    does not count, as long as rotations were measured. Where only positions were, nobody has seen that turn, and it
-    counts as far as tolerances leave it open. Distances, or one or two coordinates of the three, hardly tell where the
-    device and the target stand: where nothing else was measured, the lip is that of the robot's own base.
+    The lip is assumed to move rigidly with the target: a rotation of the platform that looks like one of the target on
+    it does not count if rotations were measured. If only positions were, that rotation was not observed, and it counts
+    as far as tolerances leave it open. Distances, or one or two of the three coordinates, hardly determine where device
+    and target are: where nothing else was measured, the lip is in the robot's own base.
     """
 
     position_m: FloatArray  # commanded origin of the end body, shape (n, 3), in m
-    tilt_rad: FloatArray | None  # commanded turn about y, shape (n,), in rad; None where it turns otherwise, too
+    tilt_rad: FloatArray | None  # commanded rotation about y, shape (n,), in rad; None where it rotates otherwise, too
     std_m: FloatArray  # of x, y and z in axes of the tracker, or of the base, shape (n, 3), in m
-    located: bool  # whether the device saw where the target was, so that the axes are the tracker's
-    dof: float = math.inf  # degrees of freedom that tell the standard deviations
+    located: bool  # whether the device located the target, so that the axes are the tracker's
+    dof: float = math.inf  # degrees of freedom of the standard deviations
 
     @property
     def half_width_m(self) -> FloatArray:
@@ -147,7 +147,7 @@ class LadleUncertainty:
 
 
 def workspace_rows(model: MeasurementModel) -> ModelledRows:
-    """Return commands spread over the workspace that the robot can take."""
+    """Return commands within the robot's reach, spread over the workspace."""
     return model.at(*model.model.definition.workspace(model.drawing))
 
 
@@ -160,18 +160,17 @@ def ladle_uncertainty(
     located: bool,
     turned: bool,
 ) -> LadleUncertainty:
-    """Carry what is known of the unknowns, in m and rad, at their calibrated values to the lip.
+    """Return the uncertainty of the lip by that of the unknowns, in m and rad, at their calibrated values.
 
-    That is the largest of some covariances, see :func:`~pouring_robot.estimation.intervals.largest_std`, which so many
-    degrees of freedom tell.
-    ``located`` says whether all three coordinates were measured, so that there are axes they stand in, ``turned``
-    whether rotations were, so that the attitude of the target is known.
+    Of several ``covariances`` the largest counts, see :func:`~pouring_robot.estimation.intervals.largest_std`; ``dof``
+    are their degrees of freedom. ``located`` states whether all three coordinates were measured, so that their axes are
+    known, ``turned`` whether rotations were, so that the attitude of the target is known.
     """
     seen = rows.linearise(unknowns)
     closed = seen.closed
     jacobian, rotation = seen.derivatives[closed], seen.closure.rotation[closed]
     if not turned:
-        jacobian[:, 3:, 6:FRAMES] = 0.0  # nothing is known of the target's attitude; the lip is held by the platform's
+        jacobian[:, 3:, 6:FRAMES] = 0.0  # the target's attitude is not known; the lip follows the platform's
     tool = rows.model.engine.structure.mechanism.T_end_tool
     arm = tool.translation - unknowns.frames.T_end_target.translation
     axes = unknowns.frames.T_tracker_base.rotation

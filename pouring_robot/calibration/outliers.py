@@ -1,6 +1,6 @@
-"""Rows that no error of the robot explains: found by what a fit of all parameters there are to choose from leaves.
+"""Rows that no error of the robot explains, found by the residuals of a fit of all candidate parameters.
 
-Before any fit (``checks/gross_errors.py``) a wrong row is not told from errors of the robot that are as large.
+Before any fit (``checks/gross_errors.py``) a wrong row cannot be distinguished from equally large errors of the robot.
 """
 
 import numpy as np
@@ -18,18 +18,18 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 
 def explains(fit: Fit) -> bool:
-    """Return whether what a fit leaves of most of its rows is noise, or little more."""
+    """Return whether the residuals of a fit are noise, or little more, in most of its rows."""
     return calm(fit.equations.residual)
 
 
 def outlying_rows(
     campaign: Campaign, rows: ModelledRows, measured: MeasuredPoses, parts: Split, fit: Fit, gone: int
 ) -> Indices:
-    """Return the rows of a campaign that are gross errors by what a fit to its training rows leaves, by index.
+    """Return the rows of a campaign that are gross errors by the residuals of a fit to its training rows, by index.
 
-    Held-out rows are foretold by it, as surely as it can (what is left over the root of the variance of noise and
-    prediction), and asked where it foretells most of them: else something unknown is at work where they are. ``gone``
-    is how many rows were found before.
+    Held-out rows are predicted by it (their residuals are over the root of the variance of noise and prediction), and
+    are tested only if it predicts most of them: otherwise something unknown is present there. ``gone`` is how many rows
+    were found before.
     """
     kept = np.sort(np.concatenate([parts.train, parts.test]))
     held_out = np.isin(kept, parts.test)
@@ -37,21 +37,21 @@ def outlying_rows(
     known = time[kept] if np.isfinite(time[kept]).all() else kept.astype(float)
     courses = standardised(campaign.drives[kept]), known[:, None]
     used, _ = measured.among(parts.train)
-    own, left = np.searchsorted(kept, used[fit.equations.rows]), fit.equations.residual
-    deleted = studentised_residual(left, 1.0 - fit.leverage)
+    own, residual = np.searchsorted(kept, used[fit.equations.rows]), fit.equations.residual
+    deleted = studentised_residual(residual, 1.0 - fit.leverage)
     asked, seen = measured.among(parts.test)
-    ahead = whiten(seen, rows[asked].linearise(fit.unknowns))
-    foretold = ahead.residual / np.sqrt(1.0 + ((ahead.derivatives @ fit.covariance) * ahead.derivatives).sum(axis=1))
-    beside = [RowResiduals(left, own, ~held_out)], [RowResiduals(deleted, own, ~held_out)]
-    if calm(foretold):
-        every = np.concatenate([own, np.searchsorted(kept, asked[ahead.rows])])
-        for some in beside:
-            some.append(RowResiduals(np.concatenate([some[0].left, foretold]), every, held_out))
-    return kept[gross_errors(beside, gone, courses)]
+    test = whiten(seen, rows[asked].linearise(fit.unknowns))
+    predicted = test.residual / np.sqrt(1.0 + ((test.derivatives @ fit.covariance) * test.derivatives).sum(axis=1))
+    tested = [RowResiduals(residual, own, ~held_out)], [RowResiduals(deleted, own, ~held_out)]
+    if calm(predicted):
+        every = np.concatenate([own, np.searchsorted(kept, asked[test.rows])])
+        for some in tested:
+            some.append(RowResiduals(np.concatenate([some[0].left, predicted]), every, held_out))
+    return kept[gross_errors(tested, gone, courses)]
 
 
 def outlier_flags(campaign: Campaign, rows: Indices, off: FloatArray) -> tuple[DataFlag, ...]:
-    """Return the findings of rows (k,) that are so many times the noise, (k,), from what the others make of them."""
+    """Return the findings for rows (k,) that are so many times the noise, (k,), from the fit to the others."""
     said = "gross error, {:.0f} times the noise from what the fit to the other rows makes of it"
     return tuple(
         flagged(

@@ -1,4 +1,4 @@
-"""What a calibration leaves behind: lines and tables, one self-contained HTML page, model file, URDF and figures."""
+"""The output of a calibration: lines and tables, one self-contained HTML page, model file, URDF and figures."""
 
 import dataclasses
 import math
@@ -47,7 +47,7 @@ def gap_table(calibration: CalibrationFindings) -> Table:
             misfit = calibration.misfit(part, after=after)
             rows.append((name, label, *_cells(dataclasses.asdict(misfit)), str(misfit.rows)))
     floors = {_cells(calibration.floor(part)): name for name, part in parts}
-    # Rows held out may hold other things than those fitted, lines alone beside places: each then has its own.
+    # Held-out rows may have other kinds of measurement than fitted ones, such as lines alone: each then has its own.
     rows += [("noise", "floor" if len(floors) == 1 else name, *cells, "–") for cells, name in floors.items()]
     return Table(("rows", "", "RMS mm", "P95 mm", "max mm", "RMS mrad", "P95 mrad", "max mrad", "count"), rows)
 
@@ -78,7 +78,7 @@ _MOVEMENT = ("off by", "± 95 %", "unit", "tolerance (1σ)")
 
 
 def parameter_table(lines: Iterable[ParameterLine]) -> Table:
-    """Return the table of parameters, the surest movement first."""
+    """Return the table of parameters, the most significant movement first."""
     order = sorted(lines, key=lambda line: (line.verdict != "moved", -line.surprise))
     rows = [(line.name, *_movement(line), f"{max(line.learnt, 0.0):.0%}", line.verdict) for line in order]
     return Table(("parameter", *_MOVEMENT, "learnt", ""), rows)
@@ -144,7 +144,7 @@ def ladle_line(calibration: CalibrationFindings) -> str:
 
 
 def group_lines(calibration: CalibrationFindings) -> list[str]:
-    """Return the dependent groups by name: what can be told, and how much cannot."""
+    """Return the dependent groups by name: what of them can be identified, and how much cannot."""
     lines = []
     for group in calibration.base.groups:
         lines.append(f"{len(group.members)} dependent, {group.hidden} direction(s) unseen: {', '.join(group.members)}")
@@ -155,7 +155,7 @@ def group_lines(calibration: CalibrationFindings) -> list[str]:
 
 
 def split_line(calibration: CalibrationFindings) -> str:
-    """Return which rows served for what."""
+    """Return which rows were used for what."""
     split, left_out = calibration.split, calibration.left_out
     lines = f" ({where(calibration.campaign, left_out)})" if left_out.size else ""
     return (
@@ -165,7 +165,7 @@ def split_line(calibration: CalibrationFindings) -> str:
 
 
 def html_report(calibration: CalibrationFindings) -> str:
-    """Return the report as one page without any outside file."""
+    """Return the report as one self-contained page."""
     lines = parameter_lines(calibration)
     unseen = [line.name for line in lines if not line.seen]
     left = f"{len(unseen)} more move nothing here and stay as they are: {', '.join(unseen)}" if unseen else ""

@@ -1,9 +1,9 @@
-"""Which groups of parameters to keep: those that help rows the fit has not seen, and no others. And the last word.
+"""Which groups of parameters to keep: only those that help rows the fit has not used. And the final test.
 
 Groups are chosen on training blocks. What only looks like geometry (a drift, a worn screw, a shift between sessions)
-can be copied well there and lead astray elsewhere; the held-out block is where that shows. It chooses nothing, but it
-may refuse the whole: a single yes or no to what was chosen without it, so there is nothing to overfit; the robot then
-stays as it was.
+can be fitted well there and mislead elsewhere; the held-out block shows that. It is not used for the choice, but may
+refuse the whole: a single yes or no to what was chosen without it, so there is nothing to overfit; the robot then stays
+as it was.
 """
 
 import math
@@ -29,9 +29,9 @@ from pouring_robot.robot.tolerances import Tolerances
 
 _FAILED = 1e6
 _STANDARD_ERRORS = 2.0
-_NEGLIGIBLE = 0.01  # of the noise's variance: half a per cent of the noise, which nobody sees
+_NEGLIGIBLE = 0.01  # of the noise's variance: half a per cent of the noise, which does not matter
 _ROUGH, _ROUGH_EVALUATIONS = 0.3, 100
-# Of a block that is fitted or judged while groups are chosen: what so many rows cannot tell is far below their noise.
+# In a block that is fitted or judged while groups are chosen: what so many rows do not show is far below their noise.
 _MOST_ROWS = 1000
 
 
@@ -39,7 +39,7 @@ _MOST_ROWS = 1000
 class SelectionStep:
     """One candidate that was tried."""
 
-    kept: tuple[str, ...]  # groups that were in already
+    kept: tuple[str, ...]  # groups that were already kept
     tried: str  # the group added to them; "" for the start
     rms: float  # root mean square of the validation rows' residuals over their noise; 1 is pure noise
     # mean over the rows of log(1 + s²) without the group minus with it; s² is a row's mean squared residual over its
@@ -86,30 +86,30 @@ def mean_and_error(values: FloatArray) -> tuple[float, float]:
 
 
 def chance_margin(values: FloatArray, standard_errors: float) -> float:
-    """Return by how much the mean of the finite values may be off by chance, in so many of its standard errors.
+    """Return by how much the mean of the finite values may be off by chance, by so many of its standard errors.
 
-    As seldom more than that as a normal value by so many, though so few values tell the error (Student's t).
+    It is off by more as rarely as a normal value is by so many: few values determine the error (Student's t).
     """
     dof = int(np.isfinite(values).sum()) - 1
     return student(standard_errors, dof) * mean_and_error(values)[1] if dof >= 0 else 0.0
 
 
 def harmless(before: FloatArray, after: FloatArray, standard_errors: float) -> bool:
-    """Return whether no kind of measurement comes out worse, by the scores of rows (n, kinds) before and after.
+    """Return whether no kind of measurement gets worse, by the scores of rows (n, kinds) before and after.
 
-    Each may by so many standard errors of the difference row by row, as less is chance, or by a hundredth of the
-    noise's variance, as less is nothing: what hardly moves the rotations at all may move those of every row the same
-    way, so that the standard error of next to nothing is smaller still.
+    Each may get worse by so many standard errors of the row-by-row difference, as less is chance, or by a hundredth of
+    the noise's variance, as less is negligible: a tiny change of the rotations may be the same in every row, and its
+    standard error is then smaller still.
     """
     harm = (after - before).T
     return all(mean_and_error(one)[0] <= max(chance_margin(one, standard_errors), _NEGLIGIBLE) for one in harm)
 
 
 def acceptable(before: FloatArray, after: FloatArray) -> bool:
-    """Return whether held-out rows bear a calibration, by their scores (n, kinds) without and with it.
+    """Return whether held-out rows accept a calibration, by their scores (n, kinds) without and with it.
 
-    They do unless all kinds of measurement together come out worse, or one of them does by more than two standard
-    errors; see :func:`harmless`. A row that the robot as it was takes, and the calibrated one cannot, is worse.
+    They do unless all kinds of measurement together get worse, or one of them by more than two standard errors; see
+    :func:`harmless`. A row that closes without the calibration but not with it counts as worse.
     """
     after = np.where(np.isfinite(before) & np.isnan(after), _FAILED, after)
     together = sum(mean_and_error(column)[0] for column in (after - before).T)
@@ -117,14 +117,14 @@ def acceptable(before: FloatArray, after: FloatArray) -> bool:
 
 
 class _CrossValidation:
-    """Scores a choice of groups: fitted to some training blocks and judged on another, in turn."""
+    """Scores of a choice of groups: fitted to some training blocks and judged on another, in turn."""
 
     def __init__(
         self, rows: ModelledRows, measured: MeasuredPoses, split: Split, tolerances: Tolerances, options: FitOptions
     ) -> None:
         self.rows, self.measured = rows, measured
-        # Scores need predictions, not parameters: what a tenth of a standard deviation moves does not show in them.
-        # A choice that takes long even for that is hardly determined by a part of the rows, and is none.
+        # Scores need predictions, not parameters: a tenth of a standard deviation of these does not show in them.
+        # A choice that still takes long is hardly determined by a part of the rows, and is rejected.
         most = min(options.max_evaluations, _ROUGH_EVALUATIONS)
         rough = replace(options, step_tolerance=_ROUGH, max_evaluations=most, curvature=False)
         self.tolerances, self.options = tolerances, rough
@@ -145,17 +145,17 @@ class _CrossValidation:
         prior_std = rows.model.prior_std(self.tolerances, framed=measured.framed)
         scores = np.full((len(rows), len(KINDS)), np.nan)
         for frames, ((train, fitted), (judged, seen)) in zip(self._frames, self._folds, strict=True):
-            start, told = Unknowns.zero(frames.frames, prior_std.size - FRAMES), seen.known.any(axis=1)
+            start, known = Unknowns.zero(frames.frames, prior_std.size - FRAMES), seen.known.any(axis=1)
             try:
                 fit = identify(rows[train], fitted, start, prior_std, self.options)
             except CalibrationError:  # a choice that cannot be fitted is no choice
-                scores[judged[told]] = _FAILED
+                scores[judged[known]] = _FAILED
                 continue
             prediction = rows[judged].predict(fit.unknowns)
             found = row_scores(seen.residual(prediction), seen.sigma)
             # The row itself does not close, or the one that its reading starts from.
             found[~prediction.closed | np.isnan(found).all(axis=1)] = _FAILED
-            scores[judged[told]] = found[told]
+            scores[judged[known]] = found[known]
         return np.asarray(scores[np.isfinite(scores).any(axis=1)])
 
 
@@ -168,13 +168,13 @@ def select_groups(
     options: FitOptions | None = None,
     progress: Progress = say_nothing,
 ) -> Selection:
-    """Choose groups by forward selection on the training blocks; the test block is not looked at.
+    """Choose groups by forward selection on the training blocks; the test block is not used.
 
-    A group is kept when the rows held out in turn come out better by more than two standard errors of that gain, and
-    neither their positions nor their rotations get worse by more than one standard error and visibly; of several, the
-    one that gains most. The round is repeated until none helps. What misleads all the same is refused at the end.
+    A group is kept when the rows held out in turn improve by more than two standard errors of that gain, and neither
+    their positions nor their rotations get worse by more than one standard error and noticeably; of several, the one
+    that gains most. The round is repeated until none helps. What still misleads is refused at the end.
 
-    Raises CalibrationError where no block can be foretold by others, so that nothing would be tried.
+    Raises CalibrationError where no block can be predicted from others, so that nothing would be tried.
     """
     validate = _CrossValidation(rows, measured, split, tolerances, options or FitOptions())
     kept: list[ParameterGroup] = []

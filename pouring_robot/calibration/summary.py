@@ -38,12 +38,12 @@ MODEL = "calibrated.yaml"  # what the file of the calibrated model is called
 
 def warnings_of(calibration: CalibrationFindings) -> list[str]:
     """Return what a user must know before using the result; one line each."""
-    told = (FlagCode.NO_NOISE_LEVEL, *ROW_CODES)  # in warnings of the template, and by the rows that are left out
-    always = (FlagCode.UNREACHABLE_DRIVES, FlagCode.NOT_COMPARED)  # the one may leave out many rows
+    covered = (FlagCode.NO_NOISE_LEVEL, *ROW_CODES)  # by warnings of the template, and by the rows left out
+    always = (FlagCode.UNREACHABLE_DRIVES, FlagCode.NOT_COMPARED)  # the first may leave out many rows
     weighty = [
         flag.message
         for flag in calibration.flags
-        if flag.code in always or (flag.severity is Severity.WARNING and flag.code not in told)
+        if flag.code in always or (flag.severity is Severity.WARNING and flag.code not in covered)
     ]
     failed, refused = calibration.fit.equations.failed.size, calibration.refused
     said = _said(
@@ -59,7 +59,7 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
 
 
 def notes_of(calibration: CalibrationFindings) -> list[str]:
-    """Return what is as it should be, but must be known to read the figures; one line each."""
+    """Return what is in order, but must be known to read the figures; one line each."""
     if not calibration.changed:
         return [*calibration.untold]
     lines = parameter_lines(calibration)
@@ -73,7 +73,7 @@ def notes_of(calibration: CalibrationFindings) -> list[str]:
 
 
 def warnings_of_the_model(calibration: CalibrationFindings) -> list[str]:
-    """Return those of the warnings and notes that whoever uses the calibrated model must know."""
+    """Return those of the warnings and notes that a user of the calibrated model must know."""
     return _said("of_the_model", c=calibration, worse=_worse(calibration))
 
 
@@ -86,19 +86,19 @@ def _dropped(calibration: CalibrationFindings) -> list[str]:
 
 
 def _worse(calibration: CalibrationFindings) -> str | None:
-    """Return what of held-out rows is worse; None where they bear what was kept, as they are asked for groups."""
+    """Return what is worse in held-out rows; None where they accept what was kept, by the rule for groups."""
     if acceptable(*calibration.held_out_scores):
         return None
     return _moved(calibration, *(calibration.misfit(calibration.split.test, after=a) for a in (False, True)))
 
 
 def _times_the_tolerances(calibration: CalibrationFindings) -> float:
-    """Return how many times as far off parameters are as tolerances say, RMS; 1 where that may be an accident.
+    """Return the ratio of parameters to what their tolerances say, RMS; 1 where that may be chance.
 
-    Squares of their values over prior variances are chi-square, of as many degrees as variances were learnt by the
-    noise that weighed the rows: under a larger one the values themselves scatter no less. Those that move in the place
-    of what was dropped scatter more, and then the sum is a weighted one of chi-squares, which has the mean and the
-    variance of one that is scaled (Satterthwaite, Biometrics Bulletin 2, 1946).
+    Squares of their values over prior variances sum to chi-square, with as many degrees of freedom as variances were
+    learnt by the noise that weighted the rows: under a larger one the values themselves scatter no less. Parameters
+    that move in place of dropped ones scatter more. The sum is then a weighted one of chi-squares, approximated by a
+    scaled one of the same mean and variance (Satterthwaite, Biometrics Bulletin 2, 1946).
     """
     lines = parameter_lines(calibration)
     squared = sum((p.value / p.prior_std) ** 2 for p in lines)
@@ -117,7 +117,7 @@ def _times_the_tolerances(calibration: CalibrationFindings) -> float:
 
 
 def _moved(calibration: CalibrationFindings, before: Misfit, after: Misfit) -> str:
-    """Return the parts whose error after is more than that before, in words."""
+    """Return the parts whose error is larger after than before, in words."""
     lines = "distance" if calibration.campaign.distance_m is not None else "closure"
     parts = [
         ("rotation", "mrad", before.rms_mrad, after.rms_mrad),
@@ -249,7 +249,7 @@ def _ladle(calibration: CalibrationFindings) -> Figures:
 
 
 def next_measurements(calibration: CalibrationFindings, folder: Path = Path()) -> list[str]:
-    """Return what to measure next, one sentence each, for somebody in whose ``folder`` the calibration stands."""
+    """Return what to measure next, one sentence each, for a user in whose ``folder`` the calibration is."""
     held = [line.name for line in parameter_lines(calibration) if line.learnt < LEARNT]
     wanted = held or [p.name for group in calibration.candidates for p in group.parameters]
     groups = [g.name for g in calibration.candidates if {p.name for p in g.parameters} & set(wanted)]

@@ -1,4 +1,4 @@
-"""Groups of parameters that a calibration dropped: nothing is fitted for them, but they are as off as they were."""
+"""Groups of parameters that a calibration dropped: they are not fitted, but their errors are still there."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from pouring_robot.robot.tolerances import Tolerances
 
 @dataclass(frozen=True, eq=False)
 class UnfittedParameters:
-    """Parameters beside those of a fit, with what they do to it where they are off by their tolerances."""
+    """Parameters besides those of a fit, with their effect on it where they are off by their tolerances."""
 
-    rows: ModelledRows  # all rows, with the parameters of the fit and behind them those dropped
-    unknowns: Unknowns  # the fit's, those dropped zero
+    rows: ModelledRows  # all rows, with the parameters of the fit and after them those dropped
+    unknowns: Unknowns  # the fit's, with those dropped at zero
     theirs: Indices  # which of them were dropped, (p,)
     moves: FloatArray  # how far the unknowns are off along p independent directions, each a standard deviation, (u, p)
 
@@ -34,10 +34,10 @@ class UnfittedParameters:
         parameters: Sequence[GeometricParameter],
         tolerances: Tolerances,
     ) -> UnfittedParameters:
-        """Tell it of a fit, all rows, which of these were fitted to what was measured in them, and what was dropped.
+        """Return it for a fit, all rows, the training rows with what was measured in them, and what was dropped.
 
-        By linear least squares about the fit: what was kept moves in their place. Rows that are explained without them
-        have shown how large they are where it cannot, so that less than the tolerances counts there.
+        By linear least squares about the fit: what was kept moves in their place. Where it cannot, rows that are
+        explained without them have shown how large they are, so that less than the tolerances counts there.
         """
         used, seen = training
         first = FRAMES + len(rows.model.parameters)
@@ -49,20 +49,20 @@ class UnfittedParameters:
         fitted = np.delete(off, theirs, axis=1)
         moved = -np.linalg.solve(np.eye(fitted.shape[1]) + fitted.T @ fitted, fitted.T @ off[:, theirs])
         shown = off[:, theirs] + fitted @ moved
-        told, directions = np.linalg.eigh(shown.T @ shown)
+        information, directions = np.linalg.eigh(shown.T @ shown)
         moved = np.insert(moved, [first] * theirs.size, np.eye(theirs.size), axis=0)
-        moved = moved @ (directions / np.sqrt(1.0 + told.clip(min=0.0)))
+        moved = moved @ (directions / np.sqrt(1.0 + information.clip(min=0.0)))
         return cls(rows, unknowns, theirs, prior_std[:, None] * moved)
 
     @property
     def kept_moves(self) -> FloatArray:
-        """How far the unknowns of the fit move in the place of those dropped, (u - p, p), in m and rad."""
+        """How far the unknowns of the fit move in place of those dropped, (u - p, p), in m and rad."""
         return np.delete(self.moves, self.theirs, axis=0)
 
     def covariances(self, of_fit: Iterable[FloatArray]) -> tuple[FloatArray, ...]:
-        """Return the covariances of all unknowns for those of the fit, which take what was dropped as exact.
+        """Return the covariances of all unknowns, given those of the fit, which take what was dropped as exact.
 
-        With that of a linear fit it is the inverse of what rows and tolerances tell of all of them, by blocks.
+        For a linear fit it is, by blocks, the inverse of the information of rows and tolerances on all of them.
         """
         others = np.setdiff1d(np.arange(len(self.moves)), self.theirs)
         added = self.moves @ self.moves.T
