@@ -61,7 +61,7 @@ def library(robot: RobotDefinition) -> tuple[Effect, ...]:
     return tuple(effects)
 
 
-@functools.lru_cache(maxsize=1)  # it reads what every installed package says, and one command asks many times
+@functools.lru_cache(maxsize=1)  # it reads the entry points of all packages, and one command asks many times
 def _offered(ask: Callable[..., Iterable[EntryPoint]], _: tuple[tuple[str, int], ...]) -> tuple[EntryPoint, ...]:
     return tuple(ask(group=GROUP))
 

@@ -38,7 +38,7 @@ def carrier(model: pin.Model, name: str) -> pin.Frame:
 
 
 def grown_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
-    """Return which links displace joints (``places``) by growing, also through fixed ones, which are never displaced.
+    """Return which links displace joints (``places``) by growing, also through fixed ones that are not among these.
 
     That is the joint, a link that carries it (as far as the next joint that moves or may be displaced), and the place
     on that link of what it carries there, (3,), in the joint's own axes, in m.
@@ -52,7 +52,7 @@ def grown_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[
 
 
 def chain_ends(robot: RobotDefinition, places: Collection[str]) -> list[tuple[str, str, FloatArray]]:
-    """Return which last links displace the end of a chain that ends in a fixed joint, which is never displaced itself.
+    """Return which last links displace the end of a chain that ends in a fixed joint, which has no displacement itself.
 
     They move the loop's frame on the chain, which is the same as moving the seat on the other side back: in a closed
     ``6d`` loop both have the same axes. As :func:`grown_places` for each such end whose seat, a fixed joint, is among

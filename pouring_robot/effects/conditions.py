@@ -340,7 +340,7 @@ def complete_conditions(robot: RobotDefinition, rows: int = 3, *, every_thermome
 
 
 def of_commands(campaign: Campaign, nominal: NominalRows, learned: LearnedCampaign | None) -> Conditions:
-    """Return the conditions of commands, as :func:`conditions_of`; only measured rows have an order that is a time."""
+    """Return the conditions of commands, as :func:`conditions_of`, but the order of commands never stands for time."""
     found = conditions_of(campaign, nominal, learned)
     return replace(found, time_known=True) if learned and not learned.timed else found
 

@@ -43,7 +43,7 @@ def stack_of(
     *,
     seen: bool = True,
 ) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
-    """Return the :func:`local_changes` by those effects of a model that depend on conditions, as they are not placed.
+    """Return the :func:`local_changes` by those effects of a model that depend on conditions, not being placed.
 
     Also return, a line each, the effects taken as zero in some rows because they were not learned there. All rows are
     usable, and ``nominal`` are they by the drawing; ``conditions`` returns theirs, relative to the campaign that shapes

@@ -122,7 +122,7 @@ def conditions_beside(path: Path, robot: RobotDefinition) -> dict[str, FloatArra
 
 
 class RobotUnderConditions:
-    """A robot as built, or the one of a model, under conditions: it also has what its model's effects do under them.
+    """A robot as built, or the one of a model, under conditions: what its model's effects do under them is added.
 
     Raises:
         BadInputError: a condition is none of the robot's, or an effect does not say in which campaign it was learned.

@@ -45,7 +45,7 @@ def tukey_weights(sizes: FloatArray) -> FloatArray:
 
 
 def _quantiles(share: float, counts: Indices) -> FloatArray:
-    """Return the quantiles of chi-square with (n,) degrees of freedom, (n,); 1 where there are none."""
+    """Return the quantiles at a ``share`` of chi-square with degrees of freedom (n,), (n,); 1 where these are none."""
     # From scipy.special: importing scipy.stats takes longer than many a calibration.
     return np.array([1.0, *(scipy.special.chdtri(k, 1.0 - share) for k in _sizes(counts))])[counts]
 

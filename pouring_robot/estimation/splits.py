@@ -88,13 +88,13 @@ def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> 
         parts = list(blocks(campaign, kind, left_out).items())
         sizes = [rows.size for _, rows in parts]
         last, train = sum(sizes[-1:]), sum(sizes[:-1])
-        told = [_inner_products(frames[rows]) for _, rows in parts]
+        shown = [_inner_products(frames[rows]) for _, rows in parts]
         from_last = reversed(range(len(parts)) if kind == "region" else range(len(parts))[-1:])
         large = [k for k in from_last if sizes[k] >= _FEWEST_TEST and sum(sizes) - sizes[k] >= _FEWEST_TRAIN]
         for k in large if len(parts) > 2 else ():
             others = [j for j in range(len(parts)) if j != k]
-            if foretold([told[j] for j in others], told[k]):
-                folds, theirs = zip(*((parts[j][1], told[j]) for j in others), strict=True)
+            if foretold([shown[j] for j in others], shown[k]):
+                folds, theirs = zip(*((parts[j][1], shown[j]) for j in others), strict=True)
                 return Split(kind, parts[k][1], parts[k][0], folds, theirs)
     other = "" if kind == "region" else ", or choose --hold-out region"
     if len(parts) < 3 or not large:
