@@ -57,7 +57,7 @@ class CalibrationFindings(Result):
     after: FloatArray
     base: BaseParameters  # what the training rows determine of the groups kept, at the present robot
     rank_anywhere: int  # its rank if poses all over the workspace were also measured, in the same way
-    # how far unknowns move in place of p dropped parameters that are as far off as may be, (12 + P, p), in m and rad
+    # how far unknowns move in place of p dropped parameters, by what these may be off, (12 + P, p), in m and rad
     in_place_of_dropped: FloatArray
     ladle: LadleUncertainty  # over the workspace
     ladle_measured: LadleUncertainty  # in the training rows

@@ -88,7 +88,7 @@ def mean_and_error(values: FloatArray) -> tuple[float, float]:
 def chance_margin(values: FloatArray, standard_errors: float) -> float:
     """Return by how much the mean of the finite values may be off by chance, by so many of its standard errors.
 
-    It is off by more as rarely as a normal value is by so many: few values determine the error (Student's t).
+    It is off by more as rarely as a normal value is by so many; Student's t allows for the small number of values.
     """
     dof = int(np.isfinite(values).sum()) - 1
     return student(standard_errors, dof) * mean_and_error(values)[1] if dof >= 0 else 0.0
