@@ -1,1 +1,1 @@
-"""What to measure: poses and conditions that tell most about the parameters wanted (D-optimal and other indices)."""
+"""What to measure: the most informative poses and conditions for wanted parameters (D-optimal and other indices)."""

@@ -1,17 +1,17 @@
 r"""Exchange: choosing rows of a plan from a dense set of candidates, one swap at a time.
 
-Fedorov's exchange in the form of Cook and Nachtsheim (Technometrics 22, 1980): each pose of the plan in turn is taken
-out and the best of all candidates is put in, until a whole round changes nothing; from several random plans, the best
-kept. A pose brings a block X of m measured rows, so a swap is a rank-m update. With C = M⁻¹,
+Fedorov's exchange in the form of Cook and Nachtsheim (Technometrics 22, 1980): each pose of the plan in turn is
+replaced by the best of all candidates, until a whole round changes nothing; it starts from several random plans, and
+the best result is kept. A pose has a block X of m measured rows, so a swap is a rank-m update. With C = M⁻¹,
 
 .. math:: \det(M + X^T X) = \det M \, \det(I + X C X^T)
 
-and the blocks :math:`K_j = X_j C X_j^T` of all candidates follow each update, so that a round costs n products of the
-candidates with a p × m matrix. D_s-optimality maximises det M / det M_ff; both factors are kept up to date so. For
-O2 to O5 the swaps that their derivative and the determinant recommend are worked out exactly.
+and the blocks :math:`K_j = X_j C X_j^T` of all candidates are updated with it, so that a round costs n products of the
+candidates with a p × m matrix. D_s-optimality maximises det M / det M_ff; both factors are updated in this way. For O2
+to O5 the swaps that their derivative and the determinant recommend are evaluated exactly.
 
-Numbers stay sound because everything happens in a basis in which the mean information of the candidates is the unit
-matrix: determinants only change by a constant, whatever the units and however hard parameters are to tell apart.
+The computation is well conditioned because it uses a basis in which the mean information of the candidates is the unit
+matrix: determinants only change by a constant, whatever the units and however similar the effects of parameters are.
 """
 
 import itertools
@@ -28,7 +28,7 @@ from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
-# Keeps random first plans regular; against a mean information of one it changes no decision.
+# Keeps random first plans regular; relative to a mean information of one it changes no decision.
 _RIDGE = 1e-6
 _LEAST_GAIN = 1e-9
 _ROUNDS = 60
@@ -37,11 +37,11 @@ _SHORTLIST = 16
 
 @dataclass(frozen=True, eq=False)
 class CandidateSet:
-    """What can be chosen from."""
+    """The candidates to choose from."""
 
     rows: FloatArray  # whitened, of each candidate, shape (N, m, p), ``nuisance`` columns first; unused ones are zero
     nuisance: int
-    place: Indices  # candidates of the same number stand for the same pose: at most one of them is chosen, shape (N,)
+    place: Indices  # candidates with the same number are the same pose: at most one of them is chosen, shape (N,)
     kind: Indices  # of each candidate, shape (N,); a slot of the plan takes one kind
     inverse_std: FloatArray  # one over the prior standard deviation of each unknown, shape (p,), 0 for none
 
@@ -55,17 +55,17 @@ def choose(
     starts: int = 4,
     progress: Progress = say_nothing,
 ) -> Indices:
-    """Return the plan that an exchange finds best, from so many random first plans: the candidate of each slot, (n,).
+    """Return the best plan that exchange finds from ``starts`` first plans: the candidate of each slot, (n,).
 
-    ``slots`` are the kind of each of the n slots; the same seed gives the same plan, and so do the criteria D and O1.
-    Fewer poses to choose from than slots raise BadInputError.
+    ``slots`` has the kind of each of the n slots; the same seed gives the same plan, and so do the criteria D and O1.
+    Raises BadInputError if there are fewer poses to choose from than slots.
     """
     slots = np.asarray(slots, dtype=np.intp)
     search = _Search(candidates, slots, criterion)
     random = generator(seed, Stream.EXCHANGE)
     best, most = np.empty(0, dtype=np.intp), -np.inf
     for start in range(starts):
-        # In turn: by determinant first, which is mostly good; the best so far, shaken; at random, for other valleys.
+        # In turn: by determinant first, which is mostly good; the best so far, perturbed; random, for other optima.
         first = search.random_plan(random)
         if start % 3 == 1:
             first = search.shaken(best, first, random)
@@ -78,7 +78,7 @@ def choose(
 
 @dataclass(frozen=True, eq=False)
 class InformationFactor:
-    """C = M⁻¹ over some columns, and what follows from it for every candidate; M is the information of a plan."""
+    """C = M⁻¹ over some columns, and its blocks for every candidate; M is the information of a plan."""
 
     rows: FloatArray  # X, whitened, of the N candidates, shape (p, m, N)
     inverse: FloatArray  # C, shape (p, p)
@@ -86,7 +86,7 @@ class InformationFactor:
 
     @classmethod
     def of(cls, rows: FloatArray, information: FloatArray) -> Self:
-        """Take C, of M (p, p), and all blocks from scratch."""
+        """Return C for M (p, p), and all blocks, computed from scratch."""
         inverse: FloatArray = np.asarray(np.linalg.inv(information), dtype=float)
         root = np.linalg.cholesky(0.5 * (inverse + inverse.T))
         half = np.tensordot(root.T, rows, axes=1)
@@ -104,7 +104,7 @@ class InformationFactor:
         return replace(self, inverse=self.inverse - sign * reach @ reach.T, blocks=blocks)
 
 
-_Factors = list[InformationFactor]  # without the pose of a slot: over all columns, and over those of the nuisance
+_Factors = list[InformationFactor]  # without the pose of a slot: over all columns, and over the nuisance columns
 _Best = Callable[[Indices, int, _Factors], int]  # returns the candidate that is best in a slot of a plan
 
 
@@ -129,7 +129,7 @@ class _Search:
         self.place, self.kind = candidates.place, candidates.kind
         self._at = {where: k for k, where in enumerate(zip(self.place.tolist(), self.kind.tolist(), strict=True))}
         for kind in np.unique(slots):
-            # Each place may be needed by slots of another kind too.
+            # Each place may also be needed by slots of another kind.
             if len(np.unique(self.place[self.kind == kind])) < len(slots):
                 raise BadInputError(f"a plan of {len(slots)} poses needs more candidates to choose from")
         count, _, unknowns = candidates.rows.shape
@@ -156,7 +156,7 @@ class _Search:
         return chosen
 
     def shaken(self, plan: Indices, other: Indices, random: np.random.Generator) -> Indices:
-        """Return a plan with about a third of its slots taken from another where they are free."""
+        """Return a plan with about a third of its slots taken from another plan where these candidates are free."""
         mixed = plan.copy()
         for slot in random.permutation(len(plan))[: max(2, len(plan) // 3)].tolist():
             if self._open(mixed, slot)[other[slot]]:
@@ -166,7 +166,7 @@ class _Search:
     def improve(
         self, chosen: Indices, random: np.random.Generator, *, determinant_first: bool
     ) -> tuple[float, Indices]:
-        """Exchange until nothing is gained; return the index and the plan."""
+        """Exchange until nothing improves; return the index and the plan."""
         by_determinant = self.criterion in ("D", "O1")
         if determinant_first and not by_determinant:
             chosen = self._run(chosen, random, self._by_determinant)
@@ -209,22 +209,22 @@ class _Search:
         return best if gains[best] > gains[present] + _LEAST_GAIN else present
 
     def _by_index(self, chosen: Indices, slot: int, out: _Factors) -> int:
-        """Work out the index of the swaps that look best by its derivative or by the determinant."""
-        left, may, present = self._information(np.delete(chosen, slot)), self._open(chosen, slot), int(chosen[slot])
-        promises = (self._promise(left), self._promise(self._information(chosen)), self._gains(out))
+        """Return the best candidate by the index, of those that look best by its derivative or by the determinant."""
+        others, may, present = self._information(np.delete(chosen, slot)), self._open(chosen, slot), int(chosen[slot])
+        promises = (self._promise(others), self._promise(self._information(chosen)), self._gains(out))
         ranked = [np.argsort(np.where(may, -one, np.inf), kind="stable")[:_SHORTLIST] for one in promises]
         shortlist = np.unique(np.concatenate([*ranked, [present]]))
         shortlist = shortlist[may[shortlist]]
         added = self.rows[shortlist]
-        scores = self._indices(left + np.swapaxes(added, 1, 2) @ added)
+        scores = self._indices(others + np.swapaxes(added, 1, 2) @ added)
         best = int(np.argmax(scores))
         better = scores[best] > scores[shortlist == present][0] * (1.0 + _LEAST_GAIN)
         return int(shortlist[best]) if better else present
 
     def _trade_kinds(self, chosen: Indices) -> bool:
-        """Let two slots of different kinds trade places, in place, where that gains most; say whether one did.
+        """Exchange the places of two slots of different kinds, in place, where that gains most; return whether it did.
 
-        A swap alone cannot do that: each stands in the other's way.
+        A single swap cannot do that: each place is taken by the other slot.
         """
         trades, information = [], []
         for a, b in itertools.combinations(range(len(chosen)), 2):
@@ -243,7 +243,7 @@ class _Search:
         return True
 
     def _promise(self, information: FloatArray) -> FloatArray:
-        """Return the index's derivative towards each candidate, shape (N,)."""
+        """Return the derivative of the index in the direction of each candidate, shape (N,)."""
         f = self.nuisance
         lower = np.linalg.cholesky(information)
         _, values, directions = np.linalg.svd(lower[f:, f:].T @ self.units)

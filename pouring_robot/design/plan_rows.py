@@ -1,4 +1,4 @@
-"""From poses and conditions to whitened rows, by G of the closed chain, and the poses to choose from."""
+"""Whitened rows from poses and conditions, by G of the closed chain, and the poses to choose from."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,12 +29,12 @@ class PlannedConditions:
     """How a pose is visited."""
 
     side: int = 1  # +1: every drive was rising when it stopped, -1: falling, 0: not stated
-    payload_kg: float = 0.0  # of the pouring robot the melt in its ladle
+    payload_kg: float = 0.0  # for the pouring robot the melt in its ladle
     drive_degC: float = REFERENCE_DEGC
 
 
 class Columns:
-    """Rows of the Jacobian for poses and conditions. The outer frame's axes are taken as the fixed platform's."""
+    """Rows of the Jacobian for poses and conditions. The outer frame's axes are assumed to be the fixed platform's."""
 
     def __init__(self, robot: Robot, parameters: Sequence[PlannedParameter]) -> None:
         nominal = robot.nominal_solver.mechanism
@@ -54,8 +54,8 @@ class Columns:
     ) -> tuple[FloatArray, BoolArray]:
         """Return whitened rows of n poses (n, k), in m and rad, under each of c conditions, and which poses close.
 
-        The noise of the device decides how many components k a pose has; ``target_m`` is the place of the target on the
-        moving platform, (3,). Shapes (n, c, k, 12 + P), per m, rad, m/N ... of each unknown, and (n,).
+        The noise of the device decides how many components k a pose has; ``target_m`` is the position of the target on
+        the moving platform, (3,). Shapes (n, c, k, 12 + P), per m, rad, m/N ... of each unknown, and (n,).
         """
         parts, closed = self._parts(poses, conditions, target_m)
         sigma = noise.sigma
@@ -65,8 +65,8 @@ class Columns:
     def ladle(self, poses: FloatArray, conditions: PlannedConditions) -> tuple[FloatArray, BoolArray]:
         """Return how the working frame moves per unit of each unknown at n poses (n, k), and which close, (n,).
 
-        It is seen in the tracker's frame, and stands where it does to the target. Shape (n, 6, 12 + P): displacement in
-        m, rotation vector in rad. At side 0 it is the mean of both.
+        It is expressed in the tracker's frame and fixed to the target. Shape (n, 6, 12 + P): displacement in m,
+        rotation vector in rad. At side 0 it is the mean of both sides.
         """
         parts, closed = self._parts(poses, [conditions], self._lip_m)
         return self._row(conditions, *parts), closed
@@ -74,12 +74,12 @@ class Columns:
     def _parts(
         self, poses: FloatArray, conditions: Sequence[PlannedConditions], target_m: FloatArray
     ) -> tuple[_Parts, BoolArray]:
-        """Return what rows are made of (see :meth:`_row`) and which poses close, (n,)."""
+        """Return the parts of rows (see :meth:`_row`) and which poses close, (n,)."""
         command = self.robot.drawing.commands(poses)
         modelled = self._model.at(command.drives, command.start)
         frames = OuterFrames(pin.SE3.Identity(), pin.SE3(np.eye(3), np.asarray(target_m, dtype=float)))
         seen = modelled.linearise(Unknowns.zero(frames, len(self.local)))
-        # The drives may be among the parameters already, where none may stand twice.
+        # The drives may be among the parameters already, where none may be given twice.
         drives = modelled.with_parameters(self.drives).linearise(Unknowns.zero(frames, len(self.drives)))
         base, by_drive = (np.nan_to_num(part.derivatives) for part in (seen, drives))
         closed = seen.closed & drives.closed
@@ -89,9 +89,9 @@ class Columns:
     def _forces(
         self, modelled: ModelledRows, closed: BoolArray, payloads_kg: Iterable[float]
     ) -> dict[float, FloatArray]:
-        """Return what each payload and the links' own weight put on every drive, (n, D), as effects count it.
+        """Return the forces of each payload and the links' own weight on every drive, (n, D), as effects have them.
 
-        It is worked out for closed rows, if compliances are planned; otherwise zero.
+        They are computed for closed rows, if compliances are planned; otherwise zero.
         """
         forces = {payload: np.zeros((len(modelled), len(self.drives))) for payload in payloads_kg}
         if closed.any() and any(parameter.kind == "compliance" for parameter in self.parameters):
@@ -110,7 +110,8 @@ class Columns:
     ) -> FloatArray:
         """Return columns of all unknowns, (n, 6, 12 + P).
 
-        Of columns of frames and local parameters, of the drives, forces on these by payload, and how long they are.
+        ``base`` has those of frames and local parameters, ``drives`` those of the drives; ``forces`` are on these, by
+        payload, and ``spans`` are their lengths.
         """
         rows = np.empty((len(base), 6, FRAMES + len(self.parameters)))
         rows[:, :, : base.shape[2]] = base
@@ -131,8 +132,8 @@ class Columns:
 def candidate_poses(axes: Sequence[CommandAxis], count: int) -> FloatArray:
     """Return commands that fill the workspace: its corners, edges and middles, and a Sobol sequence between.
 
-    About as many as ``count``, at least those of corners, edges and middles, where these are no more than a third. They
-    are round figures inside the limits, so that the plan's file says exactly what was planned, none twice; shape (n,
+    There are about ``count``, but at least the corners, edges and middles, where these are no more than a third. They
+    are round figures within the limits, so that the plan's file states exactly what was planned, none twice; shape (n,
     k), in m and rad.
     """
     lower, upper = command_box(axes)

@@ -4,10 +4,10 @@
     plan = planner.plan()
     plan.quality.parameter_std, plan.quality.ladle_rms_m      # before a single measurement
 
-The unknowns are the twelve numbers of the two outer frames and the wanted parameters; the frames are nuisance. See
-:mod:`~pouring_robot.estimation.identifiability` for the indices, :mod:`~pouring_robot.design.exchange` for the search.
-Everything is linear in the unknowns, about the given model; effects of the conditions are the simple columns of
-:mod:`~pouring_robot.design.request`. How much a plan is worth is told by as many poses drawn at random.
+The unknowns are the twelve numbers of the two outer frames and the wanted parameters; the frames are nuisance
+parameters. See :mod:`~pouring_robot.estimation.identifiability` for the indices, :mod:`~pouring_robot.design.exchange`
+for the search. Everything is linear in the unknowns, about the given model; effects of the conditions are the simple
+columns of :mod:`~pouring_robot.design.request`. The benchmark of a plan is as many poses drawn at random.
 """
 
 import contextlib
@@ -48,18 +48,18 @@ _ONE, _BOTH = 0, 1  # kinds of a candidate: visited from one side, or from both
 def plan_campaign(
     robot: Robot, request: PlanRequest | None = None, progress: Progress = say_nothing
 ) -> MeasurementPlan:
-    """Return the poses, and conditions, that tell most about a robot's parameters; see :class:`Planner`."""
+    """Return the most informative poses and conditions for a robot's parameters; see :class:`Planner`."""
     return Planner(robot, request).plan(progress)
 
 
 class Planner:
-    """Plans for one robot and one request. Candidates and their columns are worked out once.
+    """Plans for one robot and one request. Candidates and their columns are computed once.
 
     Raises:
         BadInputError: there is no robot, its drives are redundant, a parameter is unknown, a load is more than the
-            ladle holds, or the candidates are too few.
-        UndeterminedError: measurements cannot determine the parameters, wherever they are taken, or those of a plan.
-        NoSolutionError: the robot can hardly go anywhere in its workspace, or does not close at a pose of a plan.
+            ladle holds, or there are too few candidates.
+        UndeterminedError: measurements anywhere, or those of a plan, cannot determine the parameters.
+        NoSolutionError: the robot can reach hardly any of its workspace, or does not close at a pose of a plan.
     """
 
     def __init__(self, robot: Robot, request: PlanRequest | None = None) -> None:
@@ -73,8 +73,8 @@ class Planner:
             raise BadInputError(f"the ladle holds at most {most:g} kg of melt, not {max(loads):g} kg")
         asked = planned_parameters(robot, self.request)
         self.poses, rows = self._rows(Columns(robot, asked))
-        # Of the frames' twelve numbers some cannot be told apart: along y, the axis of every tilt, both frames shift
-        # the target alike. Which of them is kept changes neither the parameters nor the ladle seen by the tracker.
+        # Some of the frames' twelve numbers cannot be distinguished: along y, the axis of every tilt, both frames shift
+        # the target alike. Which one is kept changes neither the parameters nor the ladle seen by the tracker.
         names = [p.name for p in FRAME_PARAMETERS]
         apart = base_parameters(rows[..., :FRAMES].reshape(-1, FRAMES), names).base
         self._frames = [k for k, name in enumerate(names) if name in apart]
@@ -90,7 +90,7 @@ class Planner:
         self._candidate_rows = rows[..., [*range(self.nuisance), *(self.nuisance + k for k in kept)]]
 
     def _why_none(self, rows: FloatArray) -> str:
-        """Return why all parameters are left out: what they do the frames do too, or less of it shows than noise."""
+        """Return why all parameters are left out: the frames have the same effect, or the effect is below the noise."""
         some = f"{', '.join(self.left_out[:4])}{' …' if len(self.left_out) > 4 else ''}"
         names = [*self._frame_names, *self.left_out]
         if set(base_parameters(rows, names, lead=self._frame_names).base) <= set(self._frame_names):
@@ -103,7 +103,7 @@ class Planner:
         )
 
     def _apart(self, columns: FloatArray) -> FloatArray:
-        """Return columns, (..., 12 + P), without those of the frames that cannot be told apart, (..., f + P)."""
+        """Return columns, (..., 12 + P), without those of the frames that cannot be distinguished, (..., f + P)."""
         return np.delete(columns, np.setdiff1d(np.arange(FRAMES), self._frames), axis=-1)
 
     @functools.cached_property
@@ -118,7 +118,7 @@ class Planner:
         """Return poses to choose from, and their whitened rows (n, states, sides, k, 12 + P) per shown unit."""
         sides = (1, -1) if self.request.both_sides else (1,)
         visits = [replace(state, side=side) for state in self.states for side in sides]
-        # Where a pose can be visited in several ways, fewer poses make as many candidates.
+        # Where a pose can be visited in several ways, fewer poses give as many candidates.
         candidates = candidate_poses(self.robot.command_axes, self.request.candidates // len(visits))
         poses = candidates[columns.reachable(candidates)]
         rows, closed = self.measured(columns, poses, visits)
@@ -141,7 +141,7 @@ class Planner:
         return rows * _units(columns.parameters), closed
 
     def _inverse_std(self, parameters: Sequence[PlannedParameter]) -> FloatArray:
-        """Return one over the prior standard deviation in shown units, shape (f + P,); 0 where nothing is known."""
+        """Return one over the prior standard deviation in shown units, shape (f + P,); 0 without a prior."""
         weights = np.zeros(self.nuisance + len(parameters))
         priors, robot = self.request.priors, self.robot.model.definition
         for k, parameter in enumerate(parameters, start=self.nuisance):
@@ -150,7 +150,7 @@ class Planner:
         return weights
 
     def _kept(self, asked: Sequence[PlannedParameter], rows: FloatArray) -> list[int]:
-        """Return which parameters to plan for; refuse what may not be left out."""
+        """Return which parameters to plan for; refuse where undetermined ones may not be left out."""
         flat = rows.reshape(-1, rows.shape[-1])
         if self.request.reduced and self.request.priors is None:
             robot = self.robot.model.definition
@@ -201,7 +201,7 @@ class Planner:
         )
 
     def _given(self, visits: Sequence[PlannedConditions]) -> dict[str, FloatArray]:
-        """Return what is planned of each visit, (n,) by the name of a condition."""
+        """Return the planned conditions of each visit, (n,) by name."""
         request, robot = self.request, self.robot.model.definition
         asked = {
             "side": approach_names(robot) if request.both_sides else (),
@@ -215,7 +215,7 @@ class Planner:
         }
 
     def _candidate_set(self, rows: FloatArray) -> tuple[CandidateSet, Indices]:
-        """Return candidates of one visit and, where asked for, of two; and the kind of each slot of the plan."""
+        """Return candidates of one visit and, if requested, of two; and the kind of each slot of the plan."""
         count, states, sides, size, unknowns = rows.shape
         visits = rows.reshape(count * states, sides * size, unknowns)
         place, kind = np.arange(len(visits)), np.full(len(visits), _ONE)
@@ -229,26 +229,26 @@ class Planner:
         return CandidateSet(visits, self.nuisance, place, kind, self._inverse_std(self.parameters)), slots
 
     def _ordered(self, visits: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
-        """Return the visits in an order a shop floor can follow: heat last, then load, short ways between poses."""
+        """Return the visits in a practicable order: the heat changes least often, then load; ways between are short."""
         lower, upper = self.poses.min(axis=0), self.poses.max(axis=0)
         scaled = (self.poses - lower) / np.maximum(upper - lower, 1e-12)
         ordered: list[tuple[int, int, int]] = []
         here = np.zeros(lower.size)
         for state in sorted({s for _, s, _ in visits}, key=lambda s: (self.states[s].drive_degC, s)):
-            left = sorted(v for v in visits if v[1] == state)
-            while left:
-                nearest = min(left, key=lambda v: (float(np.linalg.norm(scaled[v[0]] - here)), v))
-                left.remove(nearest)
+            remaining = sorted(v for v in visits if v[1] == state)
+            while remaining:
+                nearest = min(remaining, key=lambda v: (float(np.linalg.norm(scaled[v[0]] - here)), v))
+                remaining.remove(nearest)
                 ordered.append(nearest)
                 here = scaled[nearest[0]]
         return ordered
 
     @one_blas_thread()
     def quality(self, poses: FloatArray, conditions: Sequence[PlannedConditions] | None = None) -> PlanQuality:
-        """Return what any other plan would give, for the same parameters and noise.
+        """Return the quality of any other plan, for the same parameters and noise.
 
         Its rows are commands (rows, k), in m and rad, by default all visited alike: from one side, empty and at the
-        reference temperature. A pose that is visited from both sides is two rows, and counts once.
+        reference temperature. A pose that is visited from both sides has two rows and counts once.
         """
         poses = np.asarray(poses, dtype=float)
         given = list(conditions or [PlannedConditions()] * len(poses))
@@ -287,7 +287,7 @@ class Planner:
 
 
 def _units(parameters: Sequence[PlannedParameter]) -> FloatArray:
-    """Return how large the unit is that each unknown is shown in (frames: mm, mrad), (12 + P,), in its inner unit."""
+    """Return the size of the unit in which each unknown is shown (frames: mm, mrad), (12 + P,), in its inner unit."""
     return np.array([MM] * FRAMES + [p.shown_in[1] for p in parameters])
 
 
@@ -295,7 +295,7 @@ def _units(parameters: Sequence[PlannedParameter]) -> FloatArray:
 class Comparison:
     """Expected standard deviations of the ladle by a plan, (3,), and by each of k random ones, (k, 3).
 
-    Of its place and of its attitude, root mean square over the workspace, in m and rad, and of its place at the worst
+    Of its position and orientation, root mean square over the workspace, in m and rad, and of its position at the worst
     pose of the workspace, in m. Infinite where a plan does not determine the parameters.
     """
 
@@ -309,7 +309,7 @@ class Comparison:
 
     @property
     def ratios(self) -> FloatArray:
-        """The plan's over the median random plan's, shape (3,)."""
+        """Ratios of the plan's to those of the median random plan, shape (3,)."""
         return np.asarray(self.planned / self.median)
 
     def figures(self) -> dict[str, float | None]:
@@ -331,9 +331,9 @@ class Comparison:
 def compare_with_random(planner: Planner, plan: MeasurementPlan, count: int = 50, seed: int = 0) -> Comparison:
     """Compare a plan with random ones of as many poses, spread evenly over the workspace box.
 
-    Loads and temperatures are drawn too, evenly from those that the plan may choose; as many poses are visited from
-    both sides. ``seed`` is that of the first; the others follow. One that cannot determine the parameters leaves the
-    ladle anywhere: infinite deviations. A count that is not positive raises BadInputError.
+    Loads and temperatures are also drawn, evenly from those that the plan may choose; as many poses are visited from
+    both sides. ``seed`` is that of the first; the others follow. A plan that cannot determine the parameters has
+    infinite standard deviations. Raises BadInputError if ``count`` is not positive.
     """
     if count < 1:
         raise BadInputError(f"compare with at least one random plan, not {count}")
@@ -349,7 +349,7 @@ def compare_with_random(planner: Planner, plan: MeasurementPlan, count: int = 50
 
 
 def random_visits(planner: Planner, seed: int) -> tuple[FloatArray, list[PlannedConditions]]:
-    """Return rows of a random plan like the one asked for: commands (rows, k) in m and rad, and their conditions."""
+    """Return rows of a random plan for the same request: commands (rows, k) in m and rad, and their conditions."""
     request = planner.request
     drawn = random_plan(planner.robot, request.poses, seed)
     random = generator(seed, Stream.VISITS)

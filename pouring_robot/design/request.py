@@ -1,14 +1,14 @@
-"""What is asked of a plan: local parameters by name or pattern, and what only two sides, loads or heat show.
+"""The request for a plan: local parameters by name or pattern, and what only two sides, loads or heat show.
 
-Beside the local parameters there are simple columns for what depends on how a pose is visited:
+Besides the local parameters there are simple columns for what depends on how a pose is visited:
 
-- ``backlash.<drive>`` (m or rad): the whole lost motion. A drive approached rising stands half of it below its
-  command, falling half of it above.
-- ``compliance.<drive>`` (m/N or rad/Nm): a drive yields by this times the load on it, which is what effects count
-  there (:func:`~pouring_robot.effects.nominal_rows.loads_on`); to first order this is the yielding drive of
+- ``backlash.<drive>`` (m or rad): the whole lost motion. A drive that was rising stops half of it below its command,
+  one that was falling half of it above.
+- ``compliance.<drive>`` (m/N or rad/Nm): a drive yields by this times the load on it, which is the one that effects
+  use (:func:`~pouring_robot.effects.nominal_rows.loads_on`); to first order this is the yielding drive of
   ``energy.Loads``. What is not driven carries nothing.
-- ``expansion.<drive>`` (1/K): a sliding drive with a thermometer is longer by this times its length times its warmth
-  above the reference.
+- ``expansion.<drive>`` (1/K): a sliding drive with a thermometer is longer by this times its length times its
+  temperature above the reference.
 """
 
 from collections.abc import Collection
@@ -35,7 +35,7 @@ Condition = Literal["backlash", "compliance", "expansion"]
 DEFAULT_SETS = ("centres",)
 """Drives and U-joint centres: the errors that close exactly."""
 
-# Unit and order of size, by the drive's unit: a worn screw; what causes are expected to do at their usual load; steel.
+# Unit and order of magnitude, by the drive's unit: a worn screw; expected size of causes at their usual load; steel.
 _CONDITIONS: dict[Condition, dict[str, tuple[str, float]]] = {
     "backlash": {"m": ("m", 1e-4), "rad": ("rad", 2e-4)},
     "compliance": {"m": ("m/N", MM), "rad": ("rad/Nm", MRAD)},
@@ -52,17 +52,17 @@ class PlannedParameter:
 
     name: str  # of the catalogue, or ``<condition>.<drive>``
     unit: str  # ``m``, ``rad``, ``m/N``, ``rad/Nm`` or ``1/K``
-    kind: Literal["local"] | Condition  # which column it has: ``local``, or the condition that shows it
-    local: GeometricParameter  # the local parameter; of the other kinds, the drive
+    kind: Literal["local"] | Condition  # which column it has: ``local``, or the condition that reveals it
+    local: GeometricParameter  # the local parameter; for the other kinds, the drive
 
     @property
     def shown_in(self) -> tuple[str, float]:
-        """Unit at the user's edge, and how large it is in the parameter's own."""
+        """Unit shown to users, and its size in the parameter's own."""
         return shown_in(self.unit)
 
 
 def expected_size(parameter: PlannedParameter, robot: RobotDefinition, tolerances: Tolerances) -> float:
-    """Return how large a parameter may be, in its own unit: its tolerance; of a condition's, an order of size."""
+    """Return the expected size of a parameter, in its own unit: its tolerance, or a condition's order of magnitude."""
     if parameter.kind == "local":
         return float(tolerances.std([parameter.local], robot)[0])
     size = _CONDITIONS[parameter.kind][parameter.local.unit][1]
@@ -74,20 +74,20 @@ def expected_size(parameter: PlannedParameter, robot: RobotDefinition, tolerance
 
 @dataclass(frozen=True)
 class PlanRequest(Options):
-    """What is asked of a plan; figures out of range, or none, raise BadInputError."""
+    """The request for a plan; figures that are out of range, or are no figures, raise BadInputError."""
 
     poses: int = 30  # number of poses n
-    # sets, groups, names and patterns as calibration knows them; empty: drives and U-joint centres, reduced
+    # sets, groups, names and patterns as in a calibration; empty: drives and U-joint centres, reduced
     parameters: tuple[str, ...] = ()
-    criterion: Criterion = "D"  # what the plan is best in
+    criterion: Criterion = "D"  # by which the plan is the best
     noise: NoiseLevel = _TRACKER
-    target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # place of the target on the moving platform
-    priors: Tolerances | None = None  # tolerances that count as known beforehand (MAP); None: nothing is known
+    target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # position of the target on the moving platform
+    priors: Tolerances | None = None  # tolerances that count as priors (MAP); None: without priors
     both_sides: int = 0  # how many of the poses are visited from both sides; each gives one more row
     loads_kg: tuple[float, ...] = ()  # payloads to choose from; with any, drives' compliances are determined too
-    # temperatures of sliding drives to choose from; with any, the expansions of those with a thermometer are found too
+    # temperatures of sliding drives to choose from; with any, expansions of those with a thermometer are determined too
     drive_degC: tuple[float, ...] = ()
-    reduce: bool = False  # leave out parameters of which poses tell less than tolerances, instead of refusing
+    reduce: bool = False  # leave out parameters that poses determine less well than tolerances, instead of refusing
     candidates: int = 2000  # about how many poses to choose from
     starts: int = 4  # how many random first plans
     seed: int = 0

@@ -1,4 +1,4 @@
-"""What a plan is, what is to be expected of it, and a picture of both."""
+"""A plan, the expected results of a fit to it, and a picture of both."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -38,8 +38,8 @@ class UndeterminedError(BadInputError):
         everywhere: bool = False,
         priors: bool = False,
     ) -> None:
-        self.groups, self.unseen = found.groups, found.unseen  # which cannot be told apart; which have no effect
-        # to be left out, so that the others are determined
+        self.groups, self.unseen = found.groups, found.unseen  # which cannot be distinguished; which have no effect
+        # those to leave out, so that the others are determined
         self.too_many = tuple(name for name in found.names if name not in found.base and name not in frames)
         parts = []
         for group in self.groups:
@@ -49,7 +49,7 @@ class UndeterminedError(BadInputError):
         parts += [f"{some(self.unseen, 4)} (without effect)"] if self.unseen else []
         hidden = counted(len(found.names) - found.rank, "combination")
         leave = [f"leave out {some(self.too_many, 6)}{' (--reduce does so)' if reducible else ''}"]
-        # What is left of a reduction needs more poses; what all poses together do not determine, no more of them.
+        # What remains after a reduction needs more poses; where all poses together do not suffice, more do not help.
         mend = leave if self.too_many and (reducible or everywhere) else []
         mend += [] if everywhere else ["plan more poses"]
         mend += ["let tolerances count as priors (--priors)"] if not priors and (reducible or not everywhere) else []
@@ -61,9 +61,9 @@ class UndeterminedError(BadInputError):
 
 @dataclass(frozen=True, eq=False)
 class PlanQuality:
-    """What is to be expected of a fit to a plan; standard deviations in inner units."""
+    """Expected results of a fit to a plan; standard deviations in inner units."""
 
-    covariance: FloatArray  # of the f frame numbers that can be told apart and the parameters, shape (f + P, f + P)
+    covariance: FloatArray  # of the f frame numbers that can be distinguished and the parameters, shape (f + P, f + P)
     parameter_std: FloatArray  # shape (P,)
     ladle_poses: FloatArray  # commands of the workspace, in m and rad, shape (g, k)
     ladle_std: FloatArray  # of the working frame there, x y z in m and rotation vector in rad, shape (g, 6)
@@ -77,17 +77,17 @@ class PlanQuality:
 
     @property
     def ladle_rms_m(self) -> float:
-        """Standard deviation of the ladle's place: root mean square over the workspace, in m."""
+        """Standard deviation of the ladle's position: root mean square over the workspace, in m."""
         return float(np.sqrt(np.mean(self.ladle_position_std_m**2)))
 
     @property
     def ladle_rms_rad(self) -> float:
-        """The same of its attitude, in rad."""
+        """The same for its orientation, in rad."""
         return float(np.sqrt(np.mean(np.sum(self.ladle_std[:, 3:] ** 2, axis=1))))
 
     @property
     def ladle_worst_m(self) -> float:
-        """Largest standard deviation of the ladle's place in the workspace, in m."""
+        """Largest standard deviation of the ladle's position in the workspace, in m."""
         return float(self.ladle_position_std_m.max())
 
     @property
@@ -101,13 +101,13 @@ class MeasurementPlan(Result):
     """A plan."""
 
     request: PlanRequest
-    axes: tuple[CommandAxis, ...]  # what a command is made of
+    axes: tuple[CommandAxis, ...]  # of a command
     robot: RobotDefinition
     parameters: tuple[PlannedParameter, ...]
-    left_out: tuple[str, ...]  # names of parameters that were asked for but left out: what is kept shows the same
+    left_out: tuple[str, ...]  # names of parameters that were requested but left out: those kept have the same effect
     poses: FloatArray  # rows in the order to measure them, commands in m and rad, shape (rows, k)
     conditions: tuple[PlannedConditions, ...]  # of each row
-    pose_plan: PosePlan  # the same, as ``simulate_campaign`` takes it
+    pose_plan: PosePlan  # the same, in the form that ``simulate_campaign`` takes
     quality: PlanQuality
     value: float  # the criterion's index, per shown unit
 
@@ -123,7 +123,7 @@ class MeasurementPlan(Result):
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Return headings and rows of the plan's file; conditions that are not planned have no column.
 
-        A sample is named after its pose; the second visit of a pose, from the other side, has a ``b``.
+        A sample has the number of its pose; the second visit of a pose, from the other side, also has a ``b``.
         """
         columns = {"sample": list(self.pose_plan.samples)}
         for axis, values in zip(self.axes, self.poses.T.tolist(), strict=True):
@@ -150,7 +150,7 @@ class MeasurementPlan(Result):
     def save(self, path: Path | str, *, overwrite: bool = False) -> Path:
         """Write the plan's file, which ``campaign simulate`` reads, whole or not at all.
 
-        Raises OutputError where that is impossible, or the file is there already and ``overwrite`` is not set.
+        Raises OutputError where that is impossible, or where the file exists and ``overwrite`` is not set.
         """
         check_ending(Path(path), CSV_SUFFIXES)
         return write_whole(path, self.csv(), overwrite=overwrite)
@@ -191,9 +191,9 @@ class MeasurementPlan(Result):
 
 @own_look()
 def plot(plan: MeasurementPlan) -> bytes:
-    """Return a PNG of where the commands lie, two numbers at a time (of the pouring robot x-z, y-z and tilt-z).
+    """Return a PNG of the commands, two coordinates at a time (for the pouring robot x-z, y-z and tilt-z).
 
-    Beside it, the working frame's expected standard deviation there.
+    Below them is the working frame's expected standard deviation.
     """
     figure = new_figure(11.0, 10.5, dpi=120)
     lower, upper = np.sort(_shown(plan.axes, np.array(command_box(plan.axes))), axis=0)
@@ -216,7 +216,7 @@ def plot(plan: MeasurementPlan) -> bytes:
     for key, axis in zip(below, (shown[-1], shown[0]), strict=False):
         if isinstance(plan.robot, PouringDefinition):
             drawn = sights[key].contourf(*_mapped(grid[:, axis], grid[:, high], std), levels=12, cmap="viridis")
-        else:  # its commands lie on no grid
+        else:  # its commands form no grid
             drawn = sights[key].scatter(grid[:, axis], grid[:, high], c=std, cmap="viridis")
         figure.colorbar(drawn, ax=sights[key], label="mm")
         tip = f"expected standard deviation of {plan.robot.tool_words[1]}"
@@ -227,7 +227,7 @@ def plot(plan: MeasurementPlan) -> bytes:
 
 
 def _shown(axes: Sequence[CommandAxis], commands: FloatArray) -> FloatArray:
-    """Return commands (n, k), in m and rad, as their table has them, in mm and degrees."""
+    """Return commands (n, k), in m and rad, as in their table, in mm and degrees."""
     return np.array([[axis.shown(value) for axis, value in zip(axes, one, strict=True)] for one in commands.tolist()])
 
 
@@ -236,9 +236,9 @@ def _points(place: Any, plan: MeasurementPlan, across: FloatArray, up: FloatArra
     states = list(dict.fromkeys((c.payload_kg, c.drive_degC) for c in plan.conditions))
     for k, state in enumerate(states):
         rows = [(c.payload_kg, c.drive_degC) == state for c in plan.conditions]
-        told = [f"{state[0]:g} kg"] if plan.request.loads_kg else []
-        told += [f"{state[1]:g} °C"] if plan.request.drive_degC else []
-        label = ", ".join(told) or "pose"
+        words = [f"{state[0]:g} kg"] if plan.request.loads_kg else []
+        words += [f"{state[1]:g} °C"] if plan.request.drive_degC else []
+        label = ", ".join(words) or "pose"
         place.scatter(across[rows], up[rows], s=26, alpha=0.8, color=COLOURS[k % len(COLOURS)], label=label)
     both = [c.side < 0 for c in plan.conditions]
     if any(both):
@@ -247,7 +247,7 @@ def _points(place: Any, plan: MeasurementPlan, across: FloatArray, up: FloatArra
 
 
 def _spread(across: FloatArray, up: FloatArray, width: float, height: float) -> tuple[FloatArray, FloatArray]:
-    """Return points of one place moved a little apart, on a spiral, so that each can be seen."""
+    """Return coincident points moved a little apart, on a spiral, so that each can be seen."""
     seen: dict[tuple[float, float], int] = {}
     moved = []
     for place in zip(np.round(across, 3).tolist(), np.round(up, 3).tolist(), strict=True):
