@@ -1,8 +1,8 @@
-"""Drives that bring any robot as built to a target; beside a singular pose where need be.
+"""Drive values that bring any robot as built to a target; started beside a singular pose if necessary.
 
-They are searched from where the drawing stands. Where an arm is stretched out, or axes of its wrist lie on one line,
-its drives command less than elsewhere. Newton then stands still although the target is near, as what they do to it
-there grows with their square. Beside the pose they command all that they ever do, and Newton goes on from there.
+The search starts at the pose of the drawing. Where an arm is stretched out, or axes of its wrist are collinear, its
+drives command fewer freedoms than elsewhere. Newton then stalls although the target is near, as the effect of the
+drives there is of second order. Beside the pose they command all freedoms, and Newton continues from there.
 """
 
 from collections.abc import Iterator
@@ -18,16 +18,16 @@ from pouring_robot.robot.location import Location
 from pouring_robot.robot.robot import Robot
 
 _ASIDE = 1.0 / 3.0
-"""How far beside a pose, of Newton's longest step: small, and far from being singular for lack of digits."""
+"""Distance beside a pose, as a share of Newton's longest step: small, but not numerically singular."""
 
 
 def bring_to(robot: Robot, wanted: Location, target: Target) -> tuple[InverseSolution | None, bool]:
-    """Return what brings the robot as built to a target, where the drawing stands at ``wanted``; and if it is singular.
+    """Return what brings the robot as built to a target, where the drawing is at ``wanted``; and if that is singular.
 
-    Singular is a pose around which the drives command more than in it, where Newton stands still without having met
-    the target, or does not settle. Of all starts beside it that settle within the limits, the nearest place counts,
-    then the nearest attitude, then the nearest drives. Where there is none, or none as near, it is where Newton stood
-    still. None if that is no nearer than the drives of ``wanted``, or if Newton settled nowhere.
+    A pose is singular if the drives command more around it than in it, and Newton stalls there before the target or
+    does not settle. Of all starts beside it that settle within the limits, the one with the nearest position is taken,
+    then the nearest attitude, then the nearest drives; without any, or any as near, the point where Newton stalled.
+    None if that is no nearer than the drives of ``wanted``, or if Newton settled nowhere.
 
     Raises NoSolutionError if the loops do not close on the way from the pose itself.
     """
@@ -47,7 +47,7 @@ def bring_to(robot: Robot, wanted: Location, target: Target) -> tuple[InverseSol
         except NoSolutionError:
             continue  # beside the pose the loops need not close
         if len(starts) == 1 and stood.settled and sum(starts[0][0]) <= sum(ranks):
-            return stood, False  # it commands no more anywhere: what is left is what it cannot do
+            return stood, False  # it commands no more anywhere: the robot cannot cancel what remains
     most = max((commanded for commanded, _, _ in starts), key=sum, default=ranks)
 
     for commanded, drives, configuration in starts:
@@ -62,21 +62,21 @@ def bring_to(robot: Robot, wanted: Location, target: Target) -> tuple[InverseSol
                 found.append(one)
 
     def nearness(one: InverseSolution) -> tuple[float, ...]:
-        # Rounded, so that of an elbow's two sides it is always the same that is taken; what is met is equally near.
-        left = (max(1, round(size / REACHED)) for size in (one.place_m, one.angle_rad))
-        return *left, round(float(np.abs((one.drives - here) / longest).max()), 6)
+        # Rounded, so that always the same of an elbow's two sides is taken; all that reach the target are equally near.
+        errors = (max(1, round(size / REACHED)) for size in (one.place_m, one.angle_rad))
+        return *errors, round(float(np.abs((one.drives - here) / longest).max()), 6)
 
     best = min(found, key=nearness, default=stood)
     if stood.settled and _nearer(stood.left, best.left):
         best = stood
     before = target.left(wanted.actual.pose(wanted.loops.base_frame, target.frame or str(wanted.loops.end_frame)))
-    # Beside it the place comes first, as elsewhere; where Newton stood still, an attitude is no price for it.
+    # Beside it the position has priority, as elsewhere; where Newton stalled, it may not cost attitude.
     good = best.settled and _nearer(best.left, before, at_no_cost=best is stood)
     return (best if good else None), True
 
 
 def _shares(count: int) -> Iterator[FloatArray]:
-    """Yield displacements, (drives,), in shares: of all drives, none as much as another, then of each alone."""
+    """Yield displacements, (drives,), as shares: of all drives, each by a different one, then of each drive alone."""
     apart = np.linspace(0.5, 1.0, count)
     for shares in (apart, apart * (-1.0) ** np.arange(count), *np.eye(count)):
         yield shares
@@ -84,7 +84,7 @@ def _shares(count: int) -> Iterator[FloatArray]:
 
 
 def _nearer(left: FloatArray, other: FloatArray, *, at_no_cost: bool = False) -> bool:
-    """Return whether less is left, (6,), than other: of the place, ``at_no_cost`` of the attitude, or else of that."""
+    """Return whether less is left, (6,), than other: of position, ``at_no_cost`` to attitude, or else of attitude."""
     (place, angle), (placed, turned) = (np.linalg.norm(one.reshape(2, 3), axis=1) for one in (left, other))
     if place < placed - REACHED:
         return not at_no_cost or bool(angle <= turned + REACHED)

@@ -1,17 +1,17 @@
-"""Drive values for a whole path at once: Newton over all poses, which the compiled engine closes.
+"""Drive values for a whole path at once: Newton over all poses, with the compiled engine.
 
-One by one (:func:`~pouring_robot.compensation.pose.compensate`) temperatures are taken anew where the ladle has come
-to, until that moves nothing. A compensated ladle is where it is wanted, but for roll and yaw, so here they are taken
-there, once (:mod:`pouring_robot.thermal.expansion.warm_pouring_robot`).
+For single poses (:func:`~pouring_robot.compensation.pose.compensate`) temperatures are computed again where the ladle
+then is, until that changes nothing. A compensated ladle is where it is wanted, except for roll and yaw, so here they
+are computed there, once (:mod:`pouring_robot.thermal.expansion.warm_pouring_robot`).
 
-Compensation without this package is polynomials over the workspace, and a C header that a controller compiles. What
-compensation adds to the drives of the drawing's inverse kinematics is a smooth function of the wanted pose. It is
-interpolated in the n Chebyshev points of each axis of the workspace box, the zeros of the polynomial T_n (Trefethen,
-Approximation Theory and Approximation Practice, 2013, chapter 4). What that leaves is, axis by axis, T_n times a
+For compensation without this package there are polynomials over the workspace, in a C header that a controller
+compiles. What compensation adds to the drives of the drawing's inverse kinematics is a smooth function of the wanted
+pose. It is interpolated at the n Chebyshev points of each axis of the workspace box, the zeros of the polynomial T_n
+(Trefethen, Approximation Theory and Approximation Practice, 2013, chapter 4). The error is, axis by axis, T_n times a
 function that changes little between two zeros. So it is largest where all |T_n| are 1 at once: on the grid of their
-n + 1 extrema, the corners, edges and faces of the box among them, where the terms of the axes also meet with all signs.
-There it is measured. Where heat's kinks are more than T_n can say, as where a bar rises over the ladle's rim, the error
-climbs on from there to its tops; what is stated is the highest, rounded up.
+n + 1 extrema, among them the corners, edges and faces of the box, where the terms of the axes also combine with all
+signs. There it is measured. Where kinks due to heat go beyond T_n, as where a bar rises over the ladle's rim, a search
+climbs from there to the maxima of the error; the largest, rounded up, is stated.
 """
 
 import math
@@ -52,13 +52,13 @@ _CLIMBERS, _TRIES, _CLIMBS = 8, 8, 4
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CompensatedPath(ReadOnly, Result):
-    """What to command along a path, and what it leads to; arrays are read-only, NaN where there is no answer."""
+    """What to command along a path, and its results; arrays are read-only, NaN where there is no answer."""
 
     frame: str  # the frame whose position is brought to where it is wanted
     wanted: FloatArray  # x, y, z in m and the tilt in rad, shape (n, 4)
     drives: FloatArray  # values to command, in m and rad, shape (n, 4)
-    before_m: FloatArray  # how far off the frame would be without compensation, as warm as it is with it, shape (n,)
-    left: FloatArray  # what is left of x, y, z of the frame (m) and of the tilt (rad), shape (n, 4)
+    before_m: FloatArray  # error of the frame without compensation, at the same temperatures, shape (n,)
+    left: FloatArray  # remaining error of x, y, z of the frame (m) and of the tilt (rad), shape (n, 4)
     roll_yaw_rad: FloatArray  # the rotations that cannot be commanded, about x and z, shape (n, 2)
     strain: FloatArray  # growth per length of legs 1 to 4, moving and fixed platform, shape (n, 6)
     status: NDArray[np.str_]  # ``closed``, or why there is no answer, shape (n,)
@@ -96,8 +96,8 @@ def compensate_path(
 ) -> CompensatedPath:
     """Return drive values that bring the actual ladle to many poses.
 
-    Poses are x, y, z in m and the tilt in rad, shape (n, 4), best along a path: neighbours start each other. ``frame``:
-    whose position shall be right; by default the moving platform. ``threads`` share the temperatures.
+    Poses are x, y, z in m and the tilt in rad, shape (n, 4), best along a path: each starts from its neighbour.
+    ``frame``: whose position shall be right; by default the moving platform. ``threads`` share the temperatures.
 
     Raises:
         BadInputError: the poses have another shape, the robot carries loads, or is not given as a HeatedRobot.
@@ -110,9 +110,9 @@ def compensate_path(
 
 
 class PathSearch:
-    """Newton over all poses at once, on the robot as built with its parts grown.
+    """Newton over all poses at once, on the robot as built with thermal growth of its parts.
 
-    Arguments and errors as :func:`compensate_path`; ``strain`` as :func:`strains_along` gives it.
+    Arguments and errors are those of :func:`compensate_path`; ``strain`` is that of :func:`strains_along`.
     """
 
     def __init__(self, heated: HeatedRobot, wanted: FloatArray, frame: str | None, strain: FloatArray) -> None:
@@ -125,7 +125,7 @@ class PathSearch:
         self.target = self.start.position + self.start.rotation @ nominal
 
     def run(self, *, limits: bool = True) -> CompensatedPath:
-        """Step until every pose is met or no longer gets nearer.
+        """Step until every pose is reached or no longer gets nearer.
 
         ``limits``: whether poses in which a joint is, or a drive is commanded, beyond its limits have no answer.
         """
@@ -152,7 +152,7 @@ class PathSearch:
         status = np.array(STATUS_NAMES)[closed.status].astype(object)
         status[closed.closed & ~met] = NOT_FOUND
         status[~np.isfinite(drives).all(axis=1)] = STATUS_NAMES[SINGULAR]
-        # A pose beyond the limits also does not close, or is not met: what can be mended is said, as pose by pose.
+        # A pose beyond the limits may also not close or not be reached: the limit can be mended, so it is stated.
         status[np.where(reached, ~within & limits, ~self.kinematics.in_reach(self.start))] = OUT_OF_REACH
         found = (status == STATUS_NAMES[CLOSED])[:, None]
         turned = rotation_vectors(closed.rotation, since=self.start.rotation)[:, [0, 2]]
@@ -166,7 +166,7 @@ class PathSearch:
         return np.column_stack([place - self.target, tilts(closed.rotation) - self.wanted[:, 3]])
 
     def _step(self, closed: BatchClosure, left: FloatArray) -> FloatArray:
-        """Return what to take from the drives, (n, 4); NaN where they do not command all that is wanted."""
+        """Return what to subtract from the drives, (n, 4); NaN where they do not command all that is wanted."""
         moved = self.warm.drives_to_end(closed)
         place = moved_point(moved, closed.rotation @ self.on_end)
         matrix = np.concatenate([place, tilt_rates(closed.rotation, moved[:, 3:])[:, None]], axis=1)
@@ -179,10 +179,10 @@ class PathSearch:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Controller(ReadOnly, Result):
-    """Polynomials that give drives for wanted poses, and how far off they are."""
+    """Polynomials that give drives for wanted poses, and their errors."""
 
     frame: str  # whose position is brought to where it is wanted
-    robot: str  # which robot it is made for, in words
+    robot: str  # which robot it is for, in words
     heat: str  # and how warm that is
     lower: FloatArray  # corners of the box of wanted poses: x, y, z in m, tilt in rad, shape (4,)
     upper: FloatArray
@@ -190,10 +190,10 @@ class Controller(ReadOnly, Result):
     coefficients: FloatArray
     fixed_centres_m: FloatArray  # of the drawing's inverse kinematics, shape (4, 3)
     moving_centres_m: FloatArray
-    drive_error: FloatArray  # largest difference to the drives that the package finds, in m and rad, shape (4,)
+    drive_error: FloatArray  # largest difference from the drives that the package finds, in m and rad, shape (4,)
     place_error_m: float  # largest distance of the frame from where it is wanted
     tilt_error_rad: float  # and of the tilt
-    # at how many poses, where they are largest, the errors were measured; they are rounded up to two digits
+    # number of poses, those of the largest errors, at which these were measured; they are rounded up to two digits
     checked: int
 
     @property
@@ -219,7 +219,7 @@ class Controller(ReadOnly, Result):
         return np.asarray(kinematics.commands(poses).drives + added)
 
     def header(self) -> str:
-        """Return it as a C header: one function, no memory, no library but math.h."""
+        """Return them as a C header: one function, without memory, and without libraries other than math.h."""
 
         def listed(array: FloatArray) -> str:
             if array.ndim == 1:
@@ -233,8 +233,8 @@ class Controller(ReadOnly, Result):
 def make_controller(heated: HeatedRobot, frame: str | None = None, show: Progress = say_nothing) -> Controller:
     """Return polynomials for the robot as built and as warm as it is, over the workspace box.
 
-    ``frame``: whose position shall be right; by default the moving platform. A robot that carries loads raises
-    BadInputError, a place of the box without drive values NoSolutionError.
+    ``frame``: whose position shall be right; by default the moving platform. Raises BadInputError for a robot that
+    carries loads, NoSolutionError if the box has a place without drive values.
     """
     kinematics, (lower, upper) = heated.robot.kinematics, heated.robot.layout.box
 
@@ -254,7 +254,7 @@ def make_controller(heated: HeatedRobot, frame: str | None = None, show: Progres
     made = Controller(search.frame, *made_for, lower, upper, coefficients, *centres, np.zeros(4), 0.0, 0.0, 0)
 
     def errors(scaled: FloatArray) -> FloatArray:
-        """Return errors of drives, place and tilt, (n, 6), at places in the box from -1 to 1, (n, 4)."""
+        """Return errors of drives, position and tilt, (n, 6), at points in the box from -1 to 1, (n, 4)."""
         poses, search = searched(scaled)
         drives = made.drives(kinematics, poses)
         off, left = drives - _found(search), search.left(search.warm.close(drives, search.start))
@@ -274,15 +274,15 @@ def _found(search: PathSearch) -> FloatArray:
 
 
 def _largest(errors: Callable[[FloatArray], FloatArray], extrema: FloatArray) -> tuple[FloatArray, int]:
-    """Return the largest of each error, (6,), and at how many places of the box they were looked at.
+    """Return the largest of each error, (6,), and at how many points of the box they were evaluated.
 
-    From the worst extrema of each it climbs: tries places around, goes to the best, looks nearer.
+    From the worst extrema of each it climbs: it tries points around, moves to the best and tries nearer ones.
     """
     at_extrema, random = errors(extrema), np.random.default_rng(CLIMBS_SEED)
     columns = np.arange(at_extrema.shape[1])
     worst = np.argsort(at_extrema, axis=0)[-_CLIMBERS:].T  # (6, climbers)
     places, best = extrema[worst], at_extrema[worst, columns[:, None]]
-    reach = np.array([np.pi / 2.0 / count for count in POINTS])  # half of the widest way between extrema, about
+    reach = np.array([np.pi / 2.0 / count for count in POINTS])  # about half of the widest distance between extrema
     for _ in range(_CLIMBS):
         shifts = reach * random.uniform(-1.0, 1.0, (*places.shape[:2], _TRIES, 4))
         tries = np.concatenate([places[:, :, None], np.clip(places[:, :, None] + shifts, -1.0, 1.0)], axis=2)

@@ -1,12 +1,12 @@
 """Drive values that bring the actual ladle, with its geometric errors and its heat, to the wanted pose.
 
-Four drives command four freedoms: x, y, z of a frame on the moving platform and the tilt about y. Newton on the exact
-Jacobian of the closed mechanism solves them, temperatures held; then temperatures are taken anew where the ladle now
-is, and so on until that moves nothing (``expansion.warm_pouring_robot``). The two other turns of the platform,
-roll about x and yaw about z, follow from the errors and cannot be commanded. They are what is left, and what they do
-to the lip.
+Four drives command four freedoms: x, y, z of a frame on the moving platform and the tilt about y. Newton with the exact
+Jacobian of the closed mechanism solves for them at constant temperatures; then temperatures are computed again where
+the ladle now is, and so on until that changes nothing (``expansion.warm_pouring_robot``). The two other rotations of
+the platform, roll about x and yaw about z, follow from the errors and cannot be commanded. They remain, with their
+effect on the lip.
 
-Any other robot is brought to where its drawing would stand, its place first, then its attitude.
+Any other robot is brought to where its drawing would be, its position first, then its attitude.
 """
 
 from collections.abc import Iterable, Sequence
@@ -40,29 +40,29 @@ from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Robot
 from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmRobot, WarmState
 
-# Drives and commands have 12 decimals so that a reader gets back what was solved.
+# Drives and commands have 12 decimals so that reading them gives back what was solved.
 _FORMATS = {"wanted": "{:.12g}", "command": "{:.12f}"} | dict.fromkeys(DRIVE_COLUMNS, "{:.12f}")
 LOCKED = 1e-9
-"""Where :func:`least_commanded` is no more, no drives move the frame along some direction."""
+"""Where :func:`least_commanded` does not exceed this, no drives move the frame along some direction."""
 MOST_STEPS = 25
 _FAR = 0.1
-"""Of Newton's longest step: drives that take what they move further, 10 mm or 0.03 rad, are said. Over as much a
-Jacobian changes by 3 %; in nine of ten poses of the examples' robots errors within the tolerances ask for less."""
+"""Share of Newton's longest step: drives whose effect is larger than this, 10 mm or 0.03 rad, are reported. Over such a
+step a Jacobian changes by 3 %; in nine of ten poses of the examples' robots errors within the tolerances need less."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compensation(Result):
-    """What to command, and what it leads to. Differences are actual minus wanted, in the fixed platform."""
+    """What to command, and its results. Differences are actual minus wanted, in the fixed platform."""
 
     wanted: PlatformPose
     frame: str  # whose position is brought to where that pose has it
     drives: dict[str, float]  # drive values to command, in m and rad
-    # the pose of the drawing with these drive values: what to ask a controller for that knows the drawing
+    # the pose of the drawing with these drive values: what to command if the controller knows the drawing
     command: PlatformPose
     before: PoseDifference  # of the frame, if the wanted pose itself were commanded
     left: PoseDifference  # and with ``drives``
-    left_at_lip: PoseDifference  # of the lip, with ``drives``: what the two rotations do there
-    left_tilt_rad: float  # what is left of the tilt
+    left_at_lip: PoseDifference  # of the lip, with ``drives``: the effect of the two rotations there
+    left_tilt_rad: float  # remaining error of the tilt
     steps: int  # Newton steps taken in all
     state: WarmState  # temperatures, warm robot and closure with ``drives``
 
@@ -80,7 +80,7 @@ class Compensation(Result):
         )
 
     def row(self) -> dict[str, float]:
-        """Return the pose wanted, the drives to command, the pose to command, and what is left."""
+        """Return the pose wanted, the drives to command, the pose to command, and the remaining errors."""
         *lengths_m, tilt_drive = self.drives.values()
         roll, yaw = self.uncontrolled_rad
         *lengths, angle = DRIVE_COLUMNS
@@ -121,7 +121,7 @@ class Compensation(Result):
 
 
 def commands_csv(found: Iterable[Compensation]) -> str:
-    """Return one row a pose as CSV."""
+    """Return one row per pose as CSV."""
     rows = [one.row() for one in found]
     formats = [_FORMATS.get(name.split("_")[0], "{:.6g}") for name in rows[0]]
     return csv_text(rows[0], ([f.format(v) for f, v in zip(formats, row.values(), strict=True)] for row in rows))
@@ -129,7 +129,7 @@ def commands_csv(found: Iterable[Compensation]) -> str:
 
 @dataclass
 class _Search:
-    """Newton's way to one pose; counts its steps over all turns of temperature.
+    """Newton's method for one pose; counts its steps over all iterations of temperature.
 
     ``target_m``: where the frame's origin is wanted in the fixed platform, (3,); ``start``: configuration near which to
     begin; ``drives``: values found last, in m and rad.
@@ -163,13 +163,13 @@ class _Search:
         raise CompensationError(command, float(np.linalg.norm(left[:3])), abs(float(left[3])))
 
     def left(self, result: ClosureResult) -> FloatArray:
-        """Return what is missing: x, y, z of the frame in m and the platform's tilt in rad, actual minus wanted."""
+        """Return the remaining error: x, y, z of the frame in m and the platform's tilt in rad, actual minus wanted."""
         place = result.pose(result.mechanism.loops.base_frame, self.frame).translation
         tilt = PlatformPose.from_se3(result.pose_base_to_end).tilt_rad - self.wanted.tilt_rad
         return np.array([*(place - self.target_m), tilt])
 
     def _step(self, warm: WarmRobot, result: ClosureResult, left: FloatArray) -> FloatArray:
-        """Return the step of the drives that cancels what is left, (4,); LockedPoseError if none does."""
+        """Return the step of the drives that cancels what is left, (4,); raises LockedPoseError if none does."""
         drives = drive_parameters(result.mechanism)
         twists = closed_chain_transfer(warm.actual_solver, result, drives, self.frame).matrix
         matrix = np.vstack([twists[:3], tilt_rates(result.pose_base_to_end.rotation, twists[3:])])
@@ -179,7 +179,7 @@ class _Search:
 
 
 def least_commanded(matrix: FloatArray) -> FloatArray:
-    """Return least over largest singular value of how what is wanted follows the drives, (...), by (..., 4, 4)."""
+    """Return least over largest singular value, (...), of derivatives by the drives of what is wanted, (..., 4, 4)."""
     factors = np.linalg.svd(matrix, compute_uv=False)
     return np.asarray(factors[..., -1] / factors[..., 0])
 
@@ -196,12 +196,12 @@ def compensate(
         heated: the robot as built and how warm it is; a PouringRobot is cold.
         wanted: x, y, z and tilt of the moving platform, as for a robot of the drawing.
         frame: the frame whose position shall be where that pose has it in the drawing; by default the moving platform.
-            With the lip, the platform gives way so that the lip is right.
-        heat_moves_m: what a thermal model says heat adds to the position, shape (3,). The drives are then found by the
-            paper's sum: for the cold robot, sent as far the other way. What is left is still that of the full closure.
+            With the lip, the platform moves so that the lip is right.
+        heat_moves_m: what heat adds to the position by a thermal model, shape (3,). The drives are then found by the
+            paper's sum: for the cold robot, sent as far the opposite way. What is left is still by the full closure.
 
     Raises:
-        BadInputError: the robot or the pose is none, or ``heat_moves_m`` no displacement.
+        BadInputError: the robot or the pose is not one, or ``heat_moves_m`` is no displacement.
         UnreachablePoseError: a joint of the actual robot, or a commanded drive, would pass its limits.
         CompensationError: no drive values are found.
         SingularPoseError: the drives do not determine the platform at this pose.
@@ -237,7 +237,7 @@ def compensate(
         refuse_beyond(joint_reach(kinematics.mechanism, search.drives))
         refuse_beyond(joint_reach(kinematics.mechanism, result.joint_values))
     except (ClosureError, CompensationError, LockedPoseError):
-        # A pose beyond the limits also does not close; the limit is what a user can understand and mend.
+        # A pose beyond the limits also does not close; a user can understand and mend the limit.
         refuse_beyond(joint_reach(kinematics.mechanism, values))
         raise
 
@@ -251,7 +251,7 @@ def compensate(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DriveCompensation(Result):
-    """What to command, and what it leads to. Differences are actual minus wanted, in the base's axes."""
+    """What to command, and its results. Differences are actual minus wanted, in the base's axes."""
 
     wanted: Location  # where the robot should be, and where it is without compensation
     frame: str  # that is brought there
@@ -259,13 +259,13 @@ class DriveCompensation(Result):
     columns: dict[str, CommandAxis]  # of a table of commands by drive, each with what it needs for the joint's value
     before: PoseDifference  # of the frame without compensation
     left: PoseDifference  # and with it: what the drives cannot cancel
-    # whether the drives command more beside the wanted pose than in it: those found then go further than elsewhere
+    # whether the drives command more beside the wanted pose than in it: those found then move further than elsewhere
     singular: bool = False
     kept: bool = False  # whether nothing better was found there, so that ``drives`` are those of the wanted pose
 
     @property
     def worse(self) -> dict[str, float]:
-        """What is further off with compensation than without, and by how much: position (m), attitude (rad)."""
+        """What has a larger error with compensation than without, and by how much: position (m), attitude (rad)."""
         more = {
             "position": self.left.distance_m - self.before.distance_m,
             "attitude": self.left.angle_rad - self.before.angle_rad,
@@ -317,11 +317,11 @@ class DriveCompensation(Result):
 def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) -> DriveCompensation:
     """Return the drive values that bring the actual robot to a location of the drawing.
 
-    What its drives command there is cancelled, the place first. In or near a singular location they may have to go far
-    for that; where nothing better is found, those of the location are kept. ``status`` tells both. A drive that stands
-    beyond a limit by round-off is put on it.
+    Errors that the drives command there are cancelled, the position first. In or near a singular location the drives
+    may have to move far for that; where nothing better is found, those of the location are kept. ``status`` states
+    both. A drive that is beyond a limit by round-off is put on the limit.
 
-    ``frame``: that shall be there; by default the one whose error counts.
+    ``frame``: the one to bring there; by default the one whose error counts.
 
     Raises:
         BadInputError: it is no location, or one of another drawing.
@@ -347,7 +347,7 @@ def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) 
     refuse_beyond(reach)
     inside = {one.joint: min(max(one.value, one.lower), one.upper) for one in reach if one.margin < 0.0}
     if over := {joint: value for joint, value in inside.items() if joint in drives}:
-        # By round-off, of what is kept too: a controller takes what stands on the limit; what is left is said of that.
+        # By round-off, also of kept drives: a controller accepts a value on the limit; the error left is that of this.
         drives |= over
         result = robot.close_actual(np.array(list(drives.values())), result.configuration)
     left = PoseDifference.between(nominal, result.pose(wanted.loops.base_frame, frame))
@@ -355,18 +355,18 @@ def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) 
 
 
 def drives_csv(found: Iterable[DriveCompensation]) -> str:
-    """Return one row a command as CSV; ``path`` reads the drives of it."""
+    """Return one row per command as CSV; ``path`` reads its drives."""
     rows = [one.row() for one in found]
     shown = ([one if isinstance(one, str) else f"{one:.12g}" for one in row.values()] for row in rows)
     return csv_text(list(rows[0]), shown)
 
 
 def drive_notes(found: Sequence[DriveCompensation]) -> list[str]:
-    """Return what one should know of commands before they are sent to a robot, a line each."""
+    """Return what to know about commands before they are sent to a robot, a line each."""
     notes, many = [], f"of {len(found)} poses"
 
     def far(one: DriveCompensation) -> list[tuple[float, str]]:
-        """Return how far drives go that go far from what was wanted, in m or rad, and which."""
+        """Return how far drives move that move far from what was wanted, in m or rad, and which these are."""
         steps = zip(one.drives, longest_steps(one.wanted.nominal.mechanism), strict=True)
         moved = [(abs(one.drives[name] - one.wanted.drives[name]), name, step) for name, step in steps]
         return [(way, name) for way, name, step in moved if way > _FAR * step]
