@@ -1,6 +1,6 @@
 """What each geometric error does alone, for any robot: sizes, classes, main directions, and which axes to control.
 
-What the paper's section 4 does for one layout, by the transfer matrix G at any number of poses:
+The analysis of the paper's section 4 for one layout, with the transfer matrix G at any number of poses:
 ``sensitivity("examples/robots/delta/robot.yaml")`` or ``pouring-robot sensitivity``.
 """
 

@@ -1,8 +1,8 @@
 r"""Each error alone, to first order: displacement = G · size, at poses all over the workspace.
 
 ``closed chain`` is the robot; ``open branch`` is the paper's eq. 5: one chain, its joints held, as if no other chain
-held the end. A robot without loops has one and the same. First order is compared with exact closures of all errors, at
-the poses where each moves the robot furthest and some of the others, and the largest difference reported.
+held the end. For a robot without loops both are the same. First order is compared with exact closures of all errors, at
+the poses where each moves the robot furthest and at some others, and the largest difference is reported.
 """
 
 import warnings
@@ -28,16 +28,16 @@ from pouring_robot.sensitivity.samples import ChainKind, ErrorSamples
 
 _AT_ONCE = 1000
 _CLOSURES, _CLOSURES_BY_ROW = 10_000, 2000
-"""About how many exact closures first order is compared with; an engine that goes row by row is much slower."""
+"""About how many exact closures first order is compared with; an engine that closes row by row is much slower."""
 
 
 def sensitivity(
     robot: RobotModel | Path | str | None = None, request: Request | None = None, progress: Progress = say_nothing
 ) -> SensitivityReport:
-    """Study what each geometric error of a robot of the drawing does alone.
+    """Study the effect of each geometric error alone on a robot as drawn.
 
-    ``robot``: a model, a model file or a robot file; by default the pouring robot. Of a model the drawing is taken: a
-    warning says where it says more.
+    ``robot``: a model, a model file or a robot file; by default the pouring robot. Only the drawing of a model is used:
+    a warning says if it has more.
 
     Raises:
         BadInputError: a name or a range is wrong, or the request is none.
@@ -50,14 +50,14 @@ def sensitivity(
 
 
 def left_out(model: RobotModel, who: str, name: str) -> str:
-    """Return, in a line, what ``who`` studies the drawing leaves out of the model called ``name``; "" where nothing."""
+    """Return, in a line, what ``who``, which studies the drawing, leaves out of the model ``name``; "" if nothing."""
     if model.is_drawing and not model.effects and not model.heat:
         return ""
     return f"{who} studies the drawing; errors, effects and heat of {name} are left out"
 
 
 def study(model: RobotModel, request: Request | None, progress: Progress) -> SensitivityReport:
-    """As :func:`sensitivity`, for who says :func:`left_out` otherwise."""
+    """As :func:`sensitivity`, for callers that report :func:`left_out` otherwise."""
     request = request or Request()
     expect(request, Request, "what is studied is a Request")
     definition = model.definition
@@ -86,7 +86,7 @@ def study(model: RobotModel, request: Request | None, progress: Progress) -> Sen
 
 
 def _chosen(catalogue: ParameterCatalogue, request: Request) -> tuple[Parameter, ...]:
-    """Return the parameters that are asked for, each once."""
+    """Return the requested parameters, each once."""
     if request.parameters:
         chosen = {p.name: p for name in request.parameters for p in catalogue.match(name)}
     elif catalogue.table:
@@ -97,7 +97,7 @@ def _chosen(catalogue: ParameterCatalogue, request: Request) -> tuple[Parameter,
 
 
 def _from_box(model: RobotModel, kinematics: FourUPUKinematics, request: Request) -> tuple[FloatArray, BatchStart]:
-    """Draw poses evenly from the workspace box, or from the ranges asked for."""
+    """Draw poses uniformly from the workspace box, or from the requested ranges."""
     box = np.array(load_layout(model.layout, model.layouts_path).box)
     lower, upper = box.copy()
     for k, limits in enumerate(request.box):
@@ -144,10 +144,10 @@ def _against_exact(
     sizes: FloatArray,
     offset: FloatArray,
 ) -> tuple[tuple[float, float], int]:
-    """Return how far first order misses exact closures at most, how far the robot moves there, in m, and what is open.
+    """Return the largest error of first order against exact closures, the robot's movement there, in m, and a count.
 
-    The last is how many of them have no solution. Every error is closed at as many poses as may be: half of them where
-    it moves the frame furthest, which a look at a few poses passes by, half spread over the others by how far.
+    The count is of closures without a solution. Each error is closed at as many poses as possible: half of them where
+    it moves the frame furthest, which a few poses would miss, half spread over the others by how far it moves it.
     """
     most = _CLOSURES if isinstance(engine, CompiledEngine) else _CLOSURES_BY_ROW
     each = max(2, most // len(samples.parameters))
@@ -172,7 +172,7 @@ def _against_exact(
 
 
 def _strongest_and_spread(distance_m: FloatArray, most: int) -> Indices:
-    """Return at most so many poses: all; or half where the distance is largest, half evenly over the rest by it."""
+    """Return at most so many poses: all; or half where the distance is largest, half spread evenly over the others."""
     order = np.argsort(-distance_m, kind="stable")
     if len(order) <= most:
         return order

@@ -1,4 +1,4 @@
-"""What a sensitivity study found: a row an error, and the axes to control; its tables, pictures and page."""
+"""The results of a sensitivity study: a row per error, and the axes to control; its tables, pictures and page."""
 
 import functools
 import math
@@ -29,23 +29,23 @@ _EVEN, _PILED, _DRAWN = 0.1, 2.0, 12
 _NOTHING_MM, _NOTHING_RAD = 1e-3, 1e-5
 """Below it an error counts as without influence."""
 _ALIKE_MM = 1e-6
-"""Legs are alike, and closures are found to a nanometre: what differs by less is in the order of the parameters."""
+"""Legs are alike, and closures are found to a nanometre: what differs by less keeps the order of the parameters."""
 
 
 @dataclass(frozen=True)
 class Request(Options):
-    """What to study; a number that is out of its range, or none, raises BadInputError."""
+    """What to study; a number that is out of its range, or is no number, raises BadInputError."""
 
-    poses: int = 10_000  # how many; of a robot without a workspace box at most so many, those that close
-    seed: int = SENSITIVITY_SEED  # of their drawing from the workspace box; other robots' drives are spread evenly
+    poses: int = 10_000  # how many; for a robot without a workspace box at most so many, those that close
+    seed: int = SENSITIVITY_SEED  # for drawing them from the workspace box; other robots' drives are spread evenly
     length_m: float = 0.2 * MM  # size of an error; the default is the paper's, here and below
     angle_rad: float = 4.0 * MRAD
-    # limits of x, y, z (m) and tilt (rad) in place of the workspace's; the pouring robot only
+    # limits of x, y, z (m) and tilt (rad) instead of the workspace's; the pouring robot only
     box: Box = (None, None, None, None)
     # sets, groups, names or patterns; by default the DH table, or all places, axes and drives
     parameters: tuple[str, ...] = ()
     frame: str | None = None  # whose displacement counts; by default the end frame
-    limit_m: float = MM  # errors that pass it in a coordinate are those to control
+    limit_m: float = MM  # errors that exceed it in a coordinate are those to control
 
     def __post_init__(self) -> None:
         whole(self.poses, 2, "give two poses or more")
@@ -67,32 +67,32 @@ class Request(Options):
 
 
 def ranges(box: Box) -> list[str]:
-    """Return the limits that a box has of x, y, z (m) and tilt (rad) in words: ``x from -100 to 100 mm``."""
+    """Return a box's limits of x, y, z (m) and tilt (rad) in words: ``x from -100 to 100 mm``."""
     given = ((limits, *shown) for limits, shown in zip(box, _SHOWN_IN, strict=True) if limits is not None)
     return [f"{name} from {low / one:g} to {high / one:g} {unit}" for (low, high), name, one, unit in given]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SensitivityReport(Result):
-    """What each error does alone."""
+    """The effect of each error alone."""
 
     robot: str  # its name
     frame: str  # whose displacement counts
     request: Request  # what was studied
     parameters: tuple[Parameter, ...]  # the errors, P of them
     samples: tuple[ErrorSamples[Parameter], ...]  # displacements by model, the closed chain first
-    # by how much first order misses exact closures at most, and how far the robot moves there
+    # largest error of first order against exact closures, and how far the robot moves there
     missed_m: tuple[float, float]
     # the DH table, chain by chain and transform by transform a, α, d, θ; empty for another robot
     dh: tuple[DHParameter, ...] = ()
-    unsolved: int = 0  # exact closures it was compared with that have no solution
+    unsolved: int = 0  # exact closures for comparison that have no solution
 
     @functools.cached_property
     def rows(self) -> list[dict[str, Any]]:
-        """A row an error and model, model by model, with units in the names.
+        """A row per error and model, model by model, with units in the names.
 
-        ``main_direction`` is the coordinate with the largest mean, X, Y, Z or none; ``spread``, and quantiles
-        ``main_p…``, say how that spreads over the poses.
+        ``main_direction`` is the coordinate with the largest mean, X, Y, Z or none; ``spread`` and the quantiles
+        ``main_p…`` describe its distribution over the poses.
         """
         return [self._row(samples, k) for samples in self.samples for k in range(len(self.parameters))]
 
@@ -102,10 +102,10 @@ class SensitivityReport(Result):
 
     @functools.cached_property
     def controls(self) -> list[dict[str, Any]]:
-        """What to hold tightly when it is made: parts whose errors pass the limit in a coordinate of the closed robot.
+        """What to control in manufacture: parts whose errors exceed the limit in a coordinate of the closed robot.
 
         The strongest part and the strongest of its errors first; ``directions`` are the main ones, ``largest_mm`` is
-        the largest coordinate reached.
+        the largest coordinate.
         """
         parts: dict[str, list[dict[str, Any]]] = {}
         for row in self.of_model(self.samples[0].kind):
@@ -129,7 +129,7 @@ class SensitivityReport(Result):
 
     @property
     def headline(self) -> str:
-        """How many errors pass the limit, and which is the strongest."""
+        """How many errors exceed the limit, and which is the strongest."""
         first = self.of_model(self.samples[0].kind)[0]
         over = sum(len(control["errors"]) for control in self.controls)
         asked = "" if self.poses == self.request.poses else f" of {self.request.poses}"  # the others are out of reach
@@ -140,7 +140,7 @@ class SensitivityReport(Result):
         )
 
     def _table(self) -> Any:
-        """One row an error and model."""
+        """One row per error and model."""
         return self.rows
 
     def figures(self) -> dict[str, Any]:
@@ -163,7 +163,7 @@ class SensitivityReport(Result):
         } | ({"dh_table": self.dh_rows()} if self.dh else {})
 
     def dh_rows(self) -> list[dict[str, Any]]:
-        """Return the nominal DH table, a row a transform: numbers, the joint whose value is added, what drops out."""
+        """Return the nominal DH table, a row per transform: numbers, joint whose value is added, what drops out."""
         rows = []
         for first in range(0, len(self.dh), 4):
             a, alpha, d, theta = transform = self.dh[first : first + 4]
@@ -201,10 +201,10 @@ class SensitivityReport(Result):
         }
 
     def save(self, folder: Path | str, *, overwrite: bool = False) -> list[Path]:
-        """Write ``sensitivity.csv``, ``.json``, pictures and ``report.html`` into a folder, which is made.
+        """Write ``sensitivity.csv``, ``.json``, pictures and ``report.html`` into a folder, which is created.
 
         Raises:
-            OutputError: the folder cannot be written to, or a file is there already and ``overwrite`` is not set.
+            OutputError: the folder cannot be written to, or a file exists and ``overwrite`` is not set.
         """
         from pouring_robot.report.plots import png_of, svg_of
         from pouring_robot.sensitivity.samples import box_plots, distributions
@@ -260,7 +260,7 @@ def _class(value: float, nothing: float) -> str:
 
 
 def _shape(along: FloatArray) -> str:
-    """Say how values spread: evenly, piled up at a place, or neither."""
+    """Return the shape of a distribution in words: even, piled up at a value, or neither."""
     if np.ptp(along) <= 0.01 * max(float(np.abs(along).max()), 1e-12):
         return "constant"
     if uniform_gap(along) <= _EVEN:
@@ -272,14 +272,14 @@ def _shape(along: FloatArray) -> str:
 
 
 def missed_line(found: SensitivityReport) -> str:
-    """Return by how much first order misses."""
+    """Return the error of first order, in words."""
     missed, moved = (value / MM for value in found.missed_m)
     said = f"first order misses exact closures by {missed:.2g} mm at most, where the robot moves {moved:.3g} mm"
     return said + (f"; {counted(found.unsolved, 'closure')} had no solution" if found.unsolved else "")
 
 
 def control_lines(found: SensitivityReport) -> list[str]:
-    """Return what to hold tightly, a line a part."""
+    """Return what to control, a line per part."""
     return [
         f"control {control['part']}: {' '.join(control['errors'])} (main direction {control['directions']}, up to "
         f"{control['largest_mm']:.3f} mm)"
@@ -288,18 +288,18 @@ def control_lines(found: SensitivityReport) -> list[str]:
 
 
 def errors_table(found: SensitivityReport) -> Table:
-    """Return the errors of the closed robot, the strongest first, with the open branch beside them if there is one."""
+    """Return the errors of the closed robot, the strongest first, with those of the open branch if there is one."""
     opened = {row["parameter"]: row for row in found.of_model("open branch")}
     rows = []
     for row in found.of_model("closed chain"):
-        beside = _cells(opened[row["parameter"]]) if opened else []
-        rows.append([row["parameter"], row["part"], *_cells(row), row["spread"], *beside])
+        branch = _cells(opened[row["parameter"]]) if opened else []
+        rows.append([row["parameter"], row["part"], *_cells(row), row["spread"], *branch])
     head = ["error", "part", "largest mm", "class", "mrad", "main", "spread"]
     return Table(head + (["open mm", "class", "mrad", "main"] if opened else []), rows)
 
 
 def dh_table(found: SensitivityReport) -> Table:
-    """Return the nominal DH table, a row a transform."""
+    """Return the nominal DH table, a row per transform."""
     rows = found.dh_rows()
     cells = [[f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()] for row in rows]
     return Table([name.replace("_", " ") for name in rows[0]], cells)

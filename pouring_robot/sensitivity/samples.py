@@ -19,8 +19,8 @@ AXES = "XYZ"
 ChainKind = Literal["open branch", "closed chain"]
 NOTHING_M = 1e-9
 """Less than this is round-off: the error moves nothing."""
-_BIN_M = 0.005 * MM  # width of the bins in which the fullest is looked for; the paper's 1.3175 mm is a centre
-_BAND = 0.02  # values within this share of the fullest bin's place count as piled up there
+_BIN_M = 0.005 * MM  # width of the bins of which the fullest is found; the paper's 1.3175 mm is a centre
+_BAND = 0.02  # values within this share of the fullest bin's centre count as piled up there
 
 P = TypeVar("P", Parameter, DHParameter)
 
@@ -46,13 +46,13 @@ class ErrorSamples(Generic[P]):
         return np.asarray(self.translation_m[self.labels.index(label)])
 
     def main_axis(self, label: str | int) -> str:
-        """Return the axis that one error, by label or place, changes most on average; ``none`` if it moves nothing."""
+        """Return the axis that one error, by label or index, changes most on average; ``none`` if it moves nothing."""
         means = self.mean_m[label if isinstance(label, int) else self.labels.index(label)]
         return AXES[int(means.argmax())] if means.max() > NOTHING_M else "none"
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names of the parameters; short ones, without the chain, where all are of one chain."""
+        """Names of the parameters; short ones, without the chain, where all belong to one chain."""
         one_chain = len({parameter.chain for parameter in self.parameters}) == 1
         return tuple(short_label(parameter) if one_chain else parameter.name for parameter in self.parameters)
 
@@ -78,14 +78,14 @@ class ErrorSamples(Generic[P]):
 
 
 def short_label(parameter: Parameter | DHParameter) -> str:
-    """Return the name of a number of the DH table without its chain (``α56``, ``a6o``, ``θ1``), others as they are."""
+    """Return the name of a DH parameter without its chain (``α56``, ``a6o``, ``θ1``), other names as they are."""
     symbol, _, place = parameter.name.partition(f"_e{parameter.chain}_")
     return {"alpha": "α", "theta": "θ"}.get(symbol, symbol) + place
 
 
 def peak(values: FloatArray) -> tuple[float, float, float]:
-    """Return the centre of the fullest bin, the share of values within 2 % of it, and that over an even share."""
-    bins, counts = np.unique(np.floor(values / _BIN_M), return_counts=True)  # near a singular pose they lie far apart
+    """Return the centre of the fullest bin, the share of values within 2 % of it, and that over the uniform share."""
+    bins, counts = np.unique(np.floor(values / _BIN_M), return_counts=True)  # near a singular pose they are far apart
     centre = (float(bins[counts.argmax()]) + 0.5) * _BIN_M
     band = max(_BAND * abs(centre), 0.5 * _BIN_M)
     share = float(np.mean(np.abs(values - centre) < band))
@@ -93,7 +93,7 @@ def peak(values: FloatArray) -> tuple[float, float, float]:
 
 
 def uniform_gap(values: FloatArray) -> float:
-    """Return how far the middle 90 % of values are from evenly spread: largest gap of distribution functions."""
+    """Return how far the middle 90 % of values are from uniform: largest difference of distribution functions."""
     low, high = np.quantile(values, [0.05, 0.95])
     middle = np.sort(values[(values >= low) & (values <= high)])
     if high - low < 1e-12:
@@ -110,7 +110,7 @@ def median_place(values: FloatArray) -> float:
 
 @own_look()
 def box_plots(large: ErrorSamples[P], title: str, limit_m: float = MM) -> Any:
-    """Draw absolute coordinates of errors, such as those that pass a limit, over the poses, as the paper's Fig. 4."""
+    """Draw absolute coordinates of errors, such as those beyond a limit, over the poses, as the paper's Fig. 4."""
     figure = new_figure(10.0, 3.9)
     panels = figure.subplots(1, 3, sharey=True)
     values = np.abs(large.translation_m) / MM
@@ -133,7 +133,7 @@ def box_plots(large: ErrorSamples[P], title: str, limit_m: float = MM) -> Any:
 
 @own_look()
 def distributions(errors: ErrorSamples[P], labels: Sequence[str], title: str) -> Any:
-    """Draw how errors of some labels, from top to bottom, spread over the poses, axis by axis: the paper's Fig. 5."""
+    """Draw distributions of errors, by label from top to bottom, over the poses, axis by axis: the paper's Fig. 5."""
     from matplotlib.ticker import MaxNLocator
 
     figure = new_figure(10.0, 5.2)
