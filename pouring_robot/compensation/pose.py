@@ -198,7 +198,7 @@ def compensate(
         frame: the frame whose position shall be where that pose has it in the drawing; by default the moving platform.
             With the lip, the platform moves so that the lip is right.
         heat_moves_m: what heat adds to the position by a thermal model, shape (3,). The drives are then found by the
-            paper's sum: for the cold robot, sent as far the opposite way. What is left is still by the full closure.
+            paper's sum: for the cold robot, sent as far the opposite way. What is left is that of the full closure.
 
     Raises:
         BadInputError: the robot or the pose is not one, or ``heat_moves_m`` is no displacement.

@@ -139,7 +139,7 @@ def _force(causes: Causes, name: str, label: str, least_n: float) -> ConditionFa
 
 
 def _least_way_m(robot: RobotDefinition, joints: Iterable[str], most: float) -> float:
-    """Return the smallest range of sliding joints that counts as varied, in m: half the longest stroke, or ``most``."""
+    """Return the smallest range of sliding joints that counts as varied, in m: half the longest way, up to ``most``."""
     limits = robot.drawing().mechanism.joint_limits()
     ways = (high - low for low, high in (limits.get(joint, (-np.inf, np.inf)) for joint in joints))
     return min(most, 0.5 * max(ways))

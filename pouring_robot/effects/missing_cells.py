@@ -17,7 +17,7 @@ _ALIKE = 0.1
 """Share of a column's range: values no further apart are alike. A cell that is off by as much changes an effect, in one
 row, by a tenth of the most that the effect does."""
 _SHARE_ALIKE = 0.9
-"""Of values between two that are alike, so many have to be like them, as expected for the next one (Laplace's rule of
+"""Share of values between two alike ones that must be like them, as expected for the next one (Laplace's rule of
 succession)."""
 
 
@@ -82,7 +82,7 @@ def _undetermined(values: FloatArray, between: bool) -> Indices:
 
 
 def _alike(first: FloatArray, second: FloatArray, known: FloatArray) -> BoolArray:
-    """Return where two values, (m,) each, are alike, if known ones, (k,) in time order, show what that determines."""
+    """Return where two values, (m,) each, are alike, if by known ones, (k,) in time order, those between are alike."""
     least = _ALIKE * np.ptp(known)
     around = np.abs(known[2:] - known[:-2]) <= least
     between = around & (np.abs(known[1:-1] - known[:-2]) <= least)

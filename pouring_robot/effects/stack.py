@@ -46,8 +46,8 @@ def stack_of(
     """Return the :func:`local_changes` by those effects of a model that depend on conditions, not being placed.
 
     Also return, a line each, the effects taken as zero in some rows because they were not learned there. All rows are
-    usable, and ``nominal`` are they by the drawing; ``conditions`` returns theirs, relative to the campaign that shapes
-    were learned in. ``seen``: with effects that do not move the robot but only what is measured of it.
+    usable, and ``nominal`` are the same by the drawing; ``conditions`` returns their conditions, relative to the
+    campaign in which shapes were learned. ``seen``: with effects that move only what is measured, not the robot.
 
     Raises:
         MissingConditionsError: effects need conditions that are not given.
@@ -165,7 +165,7 @@ def changes_by_stack(
 
 
 def rows_untold(model: RobotModel, campaign: Campaign) -> dict[str, Indices]:
-    """Return :func:`rows_without` what the effects of a model depend on, by its heading."""
+    """Return :func:`rows_without`, of conditions on which the effects of a model depend, by heading."""
     if not model.conditional:
         return {}
     robot, known = model.definition, all_effects(model.definition)

@@ -66,11 +66,11 @@ class Split:
 
 
 def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> Split:
-    """Split a campaign without the rows that no fit should use; measured values have no influence on it.
+    """Split a campaign without the rows that no fit should use.
 
-    The test block is the last session or stretch of time; of regions, it is the one whose first row comes last among
-    those that are large enough and that the other rows can predict. By default (``auto``) blocks are sessions if there
-    are four or more, the last large enough, else regions.
+    Which components were measured matters, never their values. The test block is the last session or stretch of time;
+    of regions, it is the one whose first row comes last among those that are large enough and that the other rows can
+    predict. By default (``auto``) blocks are sessions if there are four or more, the last large enough, else regions.
 
     Raises:
         CalibrationError: there are too few rows, or the last block (of regions: every one) alone determines where

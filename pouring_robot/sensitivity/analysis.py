@@ -172,7 +172,7 @@ def _against_exact(
 
 
 def _strongest_and_spread(distance_m: FloatArray, most: int) -> Indices:
-    """Return at most so many poses: all; or half where the distance is largest, half spread evenly over the others."""
+    """Return at most so many poses: all; or half where the distance is largest, half evenly by rank from the rest."""
     order = np.argsort(-distance_m, kind="stable")
     if len(order) <= most:
         return order

@@ -131,7 +131,7 @@ class LinksGrowth(Family):
         """Yield the forms in which parts follow their ``own`` thermometers, and all others the ``other``, if it exists.
 
         What measures a slide's travel, a screw or a glass scale, grows like the frame, not at all, or alone (by its own
-        friction, or in a granite frame). No file states where it is fixed, that is from where on it grows.
+        friction, or in a granite frame). No file states where it is held, from where on it grows.
         """
         prior_std, robot = STEEL_PPM, conditions.robot
         places = robot.drawing().engine.structure.placed_joints  # all that affect the pose, also those made as drawn

@@ -26,12 +26,12 @@ FEWEST_FOR_FRAMES = 6  # fewest rows for a fit of the frames
 CUBE_ROTATIONS: FloatArray = Rotation.create_group("O").as_matrix()
 """The 24 rotations that map axes to axes, (24, 3, 3): no rotation is far from the nearest of them."""
 _MOST_ROWS = 400  # a start needs no more
-_SETS = 32  # of six rows; were a quarter of them wrong, all sets would hold a wrong one once in 500 times
+_SETS = 32  # of six rows; with a quarter of the rows wrong, every set contains a wrong one once in 500 times
 _STEPS = 20
 _KEPT = {1: 8, 3: 4}  # how many of the 24, those of least misfit, continue after so many steps
 _CONVERGED = 1e-9  # rad: the next step would be its square
 _LONGEST_TURN = 0.7  # rad: beyond it a quadratic is a poor model of rotations
-_APART = 0.15  # of matrices, 0.1 rad: nearer starts are the same
+_APART = 0.15  # distance of matrices, 0.1 rad: nearer starts count as the same
 _MOST_STARTS = 3
 TURNING = 1e-6  # root mean square of the variation of rotation matrices: no instrument sees less
 _ROUND_OFF = 1e-9
