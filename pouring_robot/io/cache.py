@@ -1,6 +1,6 @@
-"""What is kept on disk between runs because it takes long to make: rendered descriptions, compiled kernels.
+"""Cache on disk of what takes long to make: rendered descriptions, compiled kernels.
 
-The folder may be missing, full, read-only or shared by processes that run at once: then a thing is made anew, and
+The folder may be missing, full, read-only or shared by processes that run at once: then an entry is made anew, and
 nobody ever reads half of one. It may be deleted at any time.
 """
 
@@ -16,17 +16,17 @@ from pouring_robot.exceptions import OutputError
 from pouring_robot.io.files import write_whole
 
 CACHE_VARIABLE = "POURING_ROBOT_CACHE"
-"""Environment variable that names another folder."""
+"""Environment variable that names another cache folder."""
 
 
 def cache_folder() -> Path | None:
-    """Return the folder in which things are kept, which need not be there; none for a user without a home."""
+    """Return the cache folder, which need not exist; None for a user without a home."""
     folder = Path(os.environ.get(CACHE_VARIABLE) or platformdirs.user_cache_dir("pouring_robot", appauthor=False))
     return folder if folder.is_absolute() or CACHE_VARIABLE in os.environ else None
 
 
 def content_key(parts: Iterable[str | bytes]) -> str:
-    """Return a file name for whatever depends on these texts, in this order, and on nothing else."""
+    """Return a file name for something that depends on these texts, in this order, and on nothing else."""
     digest = hashlib.sha256()
     for part in parts:
         data = part.encode() if isinstance(part, str) else part
@@ -35,10 +35,10 @@ def content_key(parts: Iterable[str | bytes]) -> str:
 
 
 def kept_text(name: str, make: Callable[[], str]) -> str:
-    """Return a text that is kept on disk, or make and keep it; what ``make`` raises is passed on, and nothing is kept.
+    """Return a text from the cache, or make and store it; errors of ``make`` are passed on, and nothing is stored.
 
-    ``name`` is a file below the cache folder, which holds the text's hash above the text; it must have a
-    :func:`content_key` of all that the text depends on in it.
+    ``name`` is a file below the cache folder, which holds the text's hash above the text; it must contain a
+    :func:`content_key` of all that the text depends on.
     """
     folder = cache_folder()
     if folder is None:

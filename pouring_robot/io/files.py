@@ -1,4 +1,4 @@
-"""Texts are read, and files written whole or not at all."""
+"""Reads texts, and writes files whole or not at all."""
 
 import errno
 import os
@@ -29,14 +29,13 @@ def read_text(path: Path) -> str:
 def write_whole(path: Path | str, content: bytes | str, *, overwrite: bool = True) -> Path:
     """Write a file, text as UTF-8, so that nobody ever sees half of it, and return its path.
 
-    The content goes to a hidden file beside the target (a symbolic link is followed), which then takes the target's
-    name in one step. If anything fails on the way, the hidden file is removed and an older target stays; so it does
-    after a Ctrl-C, even one that a library has swallowed.
-    A pipe or a device (``/dev/stdout``) has no "whole" and is written straight.
+    The content goes to a hidden file in the target's folder (a symbolic link is followed), which then takes the
+    target's name in one step. If anything fails, also by a Ctrl-C that a library has swallowed, the hidden file is
+    removed and an older target stays. A pipe or a device (``/dev/stdout``) is written directly.
 
     Raises:
-        OutputError: the folder does not exist, may not be written to, or the target is a folder, or it is there already
-            and ``overwrite`` is not set.
+        OutputError: the folder does not exist or is not writable, the target is a folder, or it exists and
+            ``overwrite`` is not set.
     """
     stop_if_heard()
     refuse_present([Path(path)], overwrite=overwrite)
@@ -51,7 +50,7 @@ def refuse_present(paths: Iterable[Path], *, overwrite: bool) -> None:
 
 
 def _put(given: Path, content: bytes | str) -> Path:
-    with _told(given):
+    with _as_output_error(given):
         target = _target(given)
         if _is_stream(target):
             target.write_bytes(_bytes(content))
@@ -64,14 +63,14 @@ def _put(given: Path, content: bytes | str) -> Path:
 def write_together(
     files: Mapping[Path, bytes | str], *, overwrite: bool = True, earlier: Iterable[Path] = ()
 ) -> list[Path]:
-    """Write several files, all or none, and return them in order; folders that are missing are made.
+    """Write several files, all or none, and return them in order; missing folders are made.
 
-    What an ``earlier`` answer left and this one does not write goes with what is replaced.
+    Files of an ``earlier`` result that this one does not write are removed with those that are replaced.
 
-    All are written beside their places before the first is put there; files of a folder that is missing appear with it,
-    in one step, so that even a killed process leaves all or none of them. If anything fails, Ctrl-C included, what is
-    new is taken back and older files are as they were; a process that is killed while it puts files into a folder that
-    was there leaves some of them, each whole. Pipes and devices come last.
+    All are written under hidden names before the first is put in its place. Files of a missing folder appear with it,
+    in one step, so that even a killed process leaves all or none of them. If anything fails, Ctrl-C included, new files
+    are removed and older ones restored. A process that is killed while it puts files into an existing folder leaves
+    some of them, each whole. Pipes and devices come last.
 
     Raises:
         OutputError: a folder cannot be made or has appeared meanwhile, or as :func:`write_whole`.
@@ -82,7 +81,7 @@ def write_together(
     before: dict[Path, bytes] = {}
     with ExitStack() as stack:
         for path, content in files.items():
-            with _told(path):
+            with _as_output_error(path):
                 folder = _missing_folder(path)
                 if folder is None:
                     if not _is_stream(target := _target(path)):
@@ -98,14 +97,14 @@ def write_together(
         stop_if_heard()
         try:
             for place, whole in hidden.items():
-                with _told(place):
+                with _as_output_error(place):
                     if whole.is_dir() and place.exists():
                         raise OutputError(place, "another run has made it meanwhile; choose another name")
                     if place.is_file():
                         before[place] = place.read_bytes()
                     whole.replace(_target(place))
             for path in stale:
-                with _told(path):
+                with _as_output_error(path):
                     before[path] = path.read_bytes()
                     path.unlink()
             for path in files:
@@ -123,16 +122,16 @@ def write_together(
 
 
 def _missing_folder(path: Path) -> Path | None:
-    """Return the topmost missing folder that a file is to stand in, if there is one and no way leads out of it."""
+    """Return the topmost missing folder above a file, if there is one and the path does not lead out of it."""
     missing = [place for place in path.absolute().parents if not place.exists() and not place.is_symlink()]
     return missing[-1] if missing and ".." not in path.absolute().relative_to(missing[-1]).parts else None
 
 
 def copy_folder(source: Path, folder: Path) -> list[Path]:
-    """Copy the files of a folder into a new one, all or none, and return them; what Python has compiled in it stays.
+    """Copy the files of a folder into a new one, all or none, and return them; Python's compiled files are left out.
 
     Raises:
-        OutputError: the folder is there already, or cannot be made.
+        OutputError: the folder exists already, or cannot be made.
     """
     if folder.exists():
         raise OutputError(folder, "it is there already; choose another name")
@@ -141,8 +140,8 @@ def copy_folder(source: Path, folder: Path) -> list[Path]:
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """Say of an error of the system what could not be written."""
+def _as_output_error(path: Path) -> Iterator[None]:
+    """Turn an error of the system into an OutputError that names the path."""
     try:
         yield
     except OSError as error:
@@ -153,7 +152,7 @@ def _told(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _hidden(target: Path, content: bytes | str) -> Iterator[Path]:
-    """Write content beside a target, with the mode of a file that is there; what is left in the end is removed."""
+    """Write content to a hidden file beside a target, with the target's mode if it exists; remove it in the end."""
     hidden = hidden_name(target)
     try:
         _write_through(hidden, content)
@@ -165,14 +164,14 @@ def _hidden(target: Path, content: bytes | str) -> Iterator[Path]:
 
 
 def hidden_name(target: Path) -> Path:
-    """Return a name beside a target for what is not whole yet."""
+    """Return a hidden name beside a target for a file that is not complete yet."""
     # Not `tempfile`: its files are private to their owner, and a result should follow the user's umask. A name may have
     # 255 bytes, and a letter four.
     return target.with_name(f".{target.name[:50]}.{secrets.token_hex(6)}.part")
 
 
 def _write_through(path: Path, content: bytes | str) -> None:
-    """Write a new file down to the disk."""
+    """Write a new file and flush it to the disk."""
     with path.open("xb") as stream:
         stream.write(_bytes(content))
         stream.flush()
@@ -184,7 +183,7 @@ def _bytes(content: bytes | str) -> bytes:
 
 
 def _target(given: Path) -> Path:
-    """Return the file that a path means, symbolic links followed; it must be none of what cannot be written to."""
+    """Return the file that a path refers to, symbolic links followed; raises OutputError if it cannot be written."""
     if given.is_dir():
         raise OutputError(given, "it is a folder; give a file name")
     if _is_stream(given):  # a pipe without a name, as /dev/stdout may be, resolves to nothing
@@ -195,7 +194,7 @@ def _target(given: Path) -> Path:
 
 
 def _is_stream(target: Path) -> bool:
-    """Return whether a file that can be written to is a pipe or a device, which has no "whole"."""
+    """Return whether a writable path is a pipe or a device, which cannot be written whole."""
     return target.exists() and not target.is_file()
 
 
@@ -212,18 +211,18 @@ def _require_access(place: Path, given: Path) -> None:
 
 
 def check_writable(path: Path | str) -> None:
-    """Find out, without touching it, before hours of work, whether a file can be written; raises as `write_whole`."""
+    """Check before hours of work, without touching it, that a file can be written; raises as `write_whole`."""
     given = Path(path)
-    with _told(given):
+    with _as_output_error(given):
         target = _target(given)
         _require_access(target if _is_stream(target) else target.parent, given)
 
 
 def check_outputs(paths: Sequence[Path], *, overwrite: bool = True) -> None:
-    """Find out before the work whether several files can be written.
+    """Check before the work that several files can be written.
 
     Raises:
-        OutputError: one cannot be, is there already and ``overwrite`` is not set, or two are the same.
+        OutputError: one cannot be written, exists and ``overwrite`` is not set, or two are the same.
     """
     for path in paths:
         check_writable(path)
@@ -233,10 +232,10 @@ def check_outputs(paths: Sequence[Path], *, overwrite: bool = True) -> None:
 
 
 def check_ending(path: Path, endings: Sequence[str]) -> None:
-    """Refuse a file whose name promises a format that is not written; a pipe or a device promises none.
+    """Refuse a file name with the ending of a format that is not written; pipes and devices may have any.
 
     Raises:
-        OutputError: the name has none of the endings (in small letters, with their point); says which there are.
+        OutputError: the name has none of the endings (in lower case, with their point); says which there are.
     """
     if path.suffix.lower() not in endings and (path.is_file() or not path.exists()):
         other = f"as {path.suffix}" if path.suffix else "without an ending"
@@ -244,15 +243,15 @@ def check_ending(path: Path, endings: Sequence[str]) -> None:
 
 
 def check_folder(folder: Path | str) -> Path:
-    """Find out before the work whether results can be put into a folder, which may not be there yet; return its path.
+    """Check before the work that results can be put into a folder, which need not exist yet; return its path.
 
     Raises:
-        BadInputError: it is no path.
+        BadInputError: it is not a path.
         OutputError: they cannot.
     """
     expect(folder, Path | str, "a folder for results is a path")
     folder = Path(folder)
-    with _told(folder):
+    with _as_output_error(folder):
         if folder.exists() and not folder.is_dir():
             raise OutputError(folder, "it is a file; give a folder")
         place = folder if folder.exists() else folder.absolute().parent

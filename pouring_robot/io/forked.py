@@ -1,7 +1,7 @@
-"""Work that a forked copy of this process does beside it, on another core; the copy knows all that this one knows.
+"""Work in a forked copy of this process, on another core; the copy has all data of this process.
 
-Where copying is not safe, because other threads are at work here or the platform cannot tell, the work is done in this
-process, when its result is asked for.
+Where forking is not safe, because other threads run here or the platform cannot tell, the work is done in this process,
+when its result is requested.
 """
 
 import multiprocessing
@@ -21,12 +21,12 @@ _PATIENCE_S = 600.0
 
 @contextmanager
 def forked(work: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
-    """Let some work be done beside what stands in a ``with`` block; a copy that is still at it ends with the block.
+    """Do some work in parallel with a ``with`` block; a copy that is still running ends with the block.
 
-    Its result must be fit to be pickled. What fails in the copy, or hangs, is done here again, where it says why.
+    Its result must be picklable. Work that fails in the copy, or hangs, is repeated here, where it says why.
 
     Yields:
-        What waits for the result and returns it.
+        A function that waits for the result and returns it.
     """
     if not can_be_copied():
         yield work
@@ -54,7 +54,7 @@ def forked(work: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
 
 
 def can_be_copied() -> bool:
-    """Return whether no other thread is at work here, of Python or of a library, whose locks a copy would inherit."""
+    """Return whether no other thread runs here, of Python or of a library, whose locks a copy would inherit."""
     try:
         return len(list(Path("/proc/self/task").iterdir())) == 1
     except OSError:  # no Linux
@@ -62,10 +62,10 @@ def can_be_copied() -> bool:
 
 
 def _do(work: Callable[[], Found], theirs: Connection) -> None:
-    """Do the work as the copy, which ends with the process that it is of, and silently at a Ctrl-C."""
+    """Do the work in the copy, which ends with its parent process, and silently at a Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(Exception):  # it is raised where the work is done again
+    with suppress(Exception):  # raised where the work is repeated
         theirs.send(work())
 
 

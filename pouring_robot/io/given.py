@@ -1,4 +1,4 @@
-"""What a user gives from Python: of which kind it must be, whole numbers, one or several."""
+"""Checks of arguments that a user gives from Python: their types, whole numbers, one or several."""
 
 import math
 import os
@@ -12,15 +12,15 @@ from pouring_robot.exceptions import BadInputError
 
 
 def expect(value: object, kind: type | UnionType, said: str) -> None:
-    """Raise BadInputError, what is ``said`` and what came instead, unless a value is of a kind."""
+    """Raise BadInputError, with ``said`` and the type given, unless a value is of a kind."""
     if not isinstance(value, kind):
         raise BadInputError(f"{said}, not a {type(value).__name__}")
 
 
 class Options:
-    """Base of dataclasses in which options are given: what is not of the type of its field raises BadInputError.
+    """Base of dataclasses of options: a value that is not of the type of its field raises BadInputError.
 
-    A tuple may be any iterable; what is in it, and ranges, each class looks to itself.
+    A tuple may be any iterable; each class checks its items, and ranges, itself.
     """
 
     def __post_init__(self) -> None:
@@ -35,18 +35,18 @@ _SAID = {bool: "True or False", int: "a whole number", float: "a number", str: "
 
 
 def _kinds(hint: Any) -> list[Any]:
-    """Return the types, and of a Literal the names, one of which an annotation wants."""
+    """Return the types that an annotation accepts, and the values of a Literal."""
     if get_origin(hint) in (Literal, Union, UnionType):
         return [kind for one in get_args(hint) for kind in _kinds(one)]
     return [get_origin(hint) or hint]
 
 
 def _is_a(value: Any, kind: Any) -> bool:
-    from numpy import bool_  # heavy, and whoever has options has it already
+    from numpy import bool_  # heavy, and already loaded where there are options
 
     if isinstance(kind, str):
         return isinstance(value, str) and value == kind
-    if isinstance(value, bool):  # to Python it is a number, too
+    if isinstance(value, bool):  # which Python counts as a number, too
         return kind is bool
     return isinstance(value, {bool: bool_, int: Integral, float: Real, tuple: Iterable}.get(kind, kind))
 
@@ -58,12 +58,12 @@ def as_path(value: Any) -> Path:
 
 
 def whole(value: Any, least: int, said: str, most: float = math.inf) -> int:
-    """Return a whole number, of numpy or not, or raise BadInputError, what is ``said`` and what came instead."""
+    """Return a whole number, of numpy or not, or raise BadInputError, with ``said`` and the value given."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
         raise BadInputError(f"{said}, not {value!r}")
     return int(value)
 
 
 def as_tuple(values: Any) -> tuple[Any, ...]:
-    """Return one or several as a tuple; a text is one, not its letters."""
+    """Return one or several values as a tuple; a text is one value."""
     return tuple(values) if isinstance(values, Iterable) and not isinstance(values, str) else (values,)

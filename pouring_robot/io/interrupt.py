@@ -1,4 +1,4 @@
-"""Ctrl-C is heard wherever it comes, whatever a library makes of it."""
+"""Handles Ctrl-C wherever it comes, also where a library swallows it."""
 
 import atexit
 import contextlib
@@ -12,14 +12,14 @@ from pouring_robot.exceptions import ExitCode
 
 
 class _Heard:
-    """Whether there was one, and the exit code that the process is to end with then."""
+    """Whether there was a Ctrl-C, and the exit code that the process ends with in that case."""
 
     yes = False
     code: int = ExitCode.STOPPED
 
 
 def listen() -> None:
-    """Listen from now on, unless whoever started this process lets it ignore Ctrl-C."""
+    """Handle Ctrl-C from now on, unless this process was started with Ctrl-C ignored."""
     atexit.register(_end)
     sys.unraisablehook = _raise_again
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
@@ -27,18 +27,18 @@ def listen() -> None:
 
 
 def listen_no_more(code: int) -> None:
-    """Let Ctrl-C do nothing: all is done, with an exit code."""
+    """Ignore Ctrl-C from now on: the work is done, with an exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _Heard.code = code or ExitCode.STOPPED
 
 
 def heard() -> bool:
-    """Return whether there was one: what fails after it fails because of it (pydantic turns it into its own error)."""
+    """Return whether there was a Ctrl-C: later failures are due to it (pydantic turns it into an error of its own)."""
     return _Heard.yes
 
 
 def stop_if_heard() -> None:
-    """Raise a Ctrl-C (KeyboardInterrupt) that a library took for itself: what that gave may be less than all."""
+    """Raise a Ctrl-C (KeyboardInterrupt) that a library swallowed: the library's result may be incomplete."""
     if heard():
         raise KeyboardInterrupt
 
@@ -46,12 +46,12 @@ def stop_if_heard() -> None:
 def _hear(signum: int, frame: Any) -> None:
     _Heard.yes = True
     if logging := sys.modules.get("logging"):
-        logging.disable()  # what a library that swallows it logs of it is for nobody
+        logging.disable()  # no log of it by a library that swallows it
     signal.default_int_handler(signum, frame)
 
 
 def _raise_again(lost: Any) -> None:
-    """Raise a Ctrl-C again that came where nothing can be raised, such as in the callback of a library."""
+    """Raise a Ctrl-C again that came where it cannot be raised, such as in the callback of a library."""
     if issubclass(lost.exc_type, KeyboardInterrupt):
         # Not here, where it would be lost once more.
         threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()
@@ -60,10 +60,10 @@ def _raise_again(lost: Any) -> None:
 
 
 def _end() -> None:
-    """After a Ctrl-C, end without taking Python down, as the first called at exit that is therefore the last.
+    """After a Ctrl-C, exit without Python's clean-up; registered first, and therefore called last at exit.
 
-    A library of compiled code that was stopped while it was loading may abort the process when it is taken down, and
-    Python itself ends by the signal where it came in code made from text.
+    A compiled library that was interrupted while it was loading may abort the process in the clean-up, and Python
+    itself ends by the signal where it came in code made from text.
     """
     if heard():
         for stream in (sys.stdout, sys.stderr):

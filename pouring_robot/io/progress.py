@@ -1,10 +1,10 @@
-"""How a long computation says where it is."""
+"""How a long computation reports its progress."""
 
 from collections.abc import Callable
 
 Progress = Callable[[str, int, int], None]
-"""Called with what is being done now, the number of its steps done and their number in all, 0 if nobody can say."""
+"""Called with the current task, the number of its steps done and their total, 0 if unknown."""
 
 
 def say_nothing(what: str, done: int, total: int) -> None:
-    """Be quiet: the default."""
+    """Report nothing: the default."""

@@ -1,4 +1,4 @@
-"""Quantities with units: a unit rides on a column's heading (``q1_mm``, ``leg1_K``), any unit of the right kind."""
+"""Quantities with units: a column's heading ends in any unit of the right kind (``q1_mm``, ``leg1_K``)."""
 
 import difflib
 from collections.abc import Sequence
@@ -17,13 +17,13 @@ LIMITS: dict[QuantityKind, tuple[float, float]] = {
     "mass": (0.0, 1e4),
     "temperature": (ABSOLUTE_ZERO_DEGC, HOTTEST_DEGC),
     "time": (-LATEST, LATEST),
-    "length": (-1e-3 * LARGEST, 1e-3 * LARGEST),  # as it may be written in mm
+    "length": (-1e-3 * LARGEST, 1e-3 * LARGEST),  # as it may be given in mm
 }
-"""What quantities of a kind lie between, in inner units; beyond is none of any robot. Others are at most LARGEST."""
+"""Limits of quantities of a kind, in internal units; no robot has values beyond. Others are at most LARGEST."""
 
 
 def first_fault(values: NDArray[np.float64], kind: QuantityKind) -> tuple[int, str] | None:
-    """Return index of and words on the first value, in the inner unit, beyond :data:`LIMITS`; None: there is none."""
+    """Return index and fault of the first value, in the internal unit, beyond :data:`LIMITS`; None if there is none."""
     low, high = LIMITS.get(kind, (-LARGEST, LARGEST))
     wrong = np.flatnonzero((values < low) | (values > high))
     if not wrong.size:
@@ -41,20 +41,20 @@ class Quantity:
     """One quantity of a table."""
 
     name: str  # without unit, such as ``q1`` or ``leg1``
-    kind: QuantityKind  # what is measured; decides which units are accepted
+    kind: QuantityKind  # what is measured; determines which units are accepted
     required: bool = False  # whether a table without it is refused
-    unless: str = ""  # a quantity that may stand in its place
-    part_of: str = ""  # what it is nothing without, such as "a rotation vector": such quantities come all or none
-    words: str = ""  # what it is, where its name may be taken for something else
+    unless: str = ""  # a quantity that may replace it
+    part_of: str = ""  # the whole it belongs to, such as "a rotation vector": all its quantities are there, or none
+    words: str = ""  # what it is, where its name may be misunderstood
 
     @property
     def headings(self) -> tuple[str, ...]:
-        """Every heading that is understood; the first is the one in inner units."""
+        """Every heading that is understood; the first is the one in internal units."""
         return tuple(f"{self.name}_{unit}" for unit in UNITS[self.kind]) or (self.name,)
 
     @property
     def canonical(self) -> str:
-        """The heading in inner units: ``q1_m``, ``q4_rad``, ``leg1_degC``, ``session``."""
+        """The heading in internal units: ``q1_m``, ``q4_rad``, ``leg1_degC``, ``session``."""
         return self.headings[0]
 
 
@@ -63,9 +63,9 @@ class QuantityTable:
     """A table whose headings were understood."""
 
     table: Table
-    headings: dict[str, str]  # heading in the file of each quantity that was found, by quantity name
-    unknown: tuple[str, ...]  # headings that are no quantity and were left out
-    # values of each numeric quantity in inner units (m, rad, kg, s, °C), (n,), NaN where a cell is empty
+    headings: dict[str, str]  # heading in the file of each quantity found, by quantity name
+    unknown: tuple[str, ...]  # headings that are not quantities and were left out
+    # values of each numeric quantity in internal units (m, rad, kg, s, °C), (n,), NaN where a cell is empty
     numbers: dict[str, NDArray[np.float64]] = field(repr=False)
     labels: dict[str, tuple[str, ...]] = field(repr=False)  # cells of each label, length n, "" where empty
 
@@ -80,15 +80,15 @@ class QuantityTable:
 def read_quantities(
     path: Path | str | Table, quantities: Sequence[Quantity], example: str, error: type[TableError] = TableError
 ) -> QuantityTable:
-    """Read a table, given or by its path, of quantities and maybe columns of the user's own, as :func:`read_table`.
+    """Read a table, given or by its path, of quantities and possibly columns of the user's own, as :func:`read_table`.
 
-    Empty cells are missing values, as are the ``nan`` that some programs write for them. A heading unlike every
-    known one is a user's own column and left out; one that is nearly a known one is a slip of the pen and refused.
+    Empty cells are missing values, as are the ``nan`` that some programs write for them. A heading unlike every known
+    one is a user's own column and left out; one that is nearly a known one is a typing error and refused.
 
     Raises:
         TableError: (or ``error``) the file cannot be read; a heading is misspelt, has no or a wrong unit, or a quantity
-            stands twice; a required quantity is missing; there is no row; or a cell is no number, or a load or a
-            temperature that cannot be (:data:`LIMITS`).
+            occurs twice; a required quantity is missing; there is no row; or a cell is not a number, or an impossible
+            load or temperature (:data:`LIMITS`).
     """
     table = path if isinstance(path, Table) else read_table(path, example, error, short_rows=False)
     places = _understand(table, quantities)
@@ -113,9 +113,9 @@ def read_quantities(
 
 
 def whole_column(table: Table, quantity: Quantity) -> tuple[str, NDArray[np.float64]]:
-    """Return heading and values, (n,) in the inner unit, of the one column of a quantity in which no cell is empty.
+    """Return heading and values, (n,) in the internal unit, of the only column of a quantity, which has no empty cell.
 
-    Raises TableError (or what the table raises) where it is missing or stands in two units, or a cell is no number.
+    Raises TableError (or the table's own error) where it is missing or given in two units, or a cell is not a number.
     """
     found = [heading for heading in table.headings if heading in quantity.headings]
     if len(found) != 1:
@@ -126,7 +126,7 @@ def whole_column(table: Table, quantity: Quantity) -> tuple[str, NDArray[np.floa
 
 
 def _understand(table: Table, quantities: Sequence[Quantity]) -> dict[str, int]:
-    """Return the column of each quantity that is there, by quantity name."""
+    """Return the column of each quantity that the table has, by quantity name."""
     known = {heading: quantity for quantity in quantities for heading in quantity.headings}
     found: dict[str, int] = {}
     for index, heading in enumerate(table.headings):
@@ -162,7 +162,7 @@ def _refuse_slip(table: Table, heading: str, quantities: Sequence[Quantity], kno
             raise table.heading_fault(f"the column names no unit; write {wanted}", heading)
         if stem == quantity.name and (unit in OF_UNIT or len(unit) <= 4):
             raise table.heading_fault(f"'{unit}' is no unit of {words}; write {wanted}", heading)
-    # Of temperatures beside one another, as leg1_degC and leg5_degC, the second is no slip for the first.
+    # Where a temperature such as leg1_degC was read, leg5_degC is not a typing error for it.
     read = {name for name, quantity in known.items() if quantity.kind == "temperature"} & {*table.headings}
     lower = {name.lower(): name for name in known if name not in read}
     near = difflib.get_close_matches(heading.lower(), lower, n=1, cutoff=0.85)

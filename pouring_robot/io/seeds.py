@@ -1,8 +1,8 @@
-"""One seed of the user's, a stream of random numbers for each use of it: what one draws moves no other's.
+"""One seed of the user's, with an independent stream of random numbers for each use of it.
 
-A sweep draws by spawn keys of its seed (:mod:`pouring_robot.sweeps.draws`, :mod:`pouring_robot.sweeps.plan`), but Sobol
-sequences and indices there, and sensitivity (:mod:`pouring_robot.sensitivity.analysis`), by the seed alone. Fixed seeds
-are for what is drawn so that the same input gives the same answer, whatever the user's seed.
+A sweep draws by spawn keys of its seed (:mod:`pouring_robot.sweeps.draws`, :mod:`pouring_robot.sweeps.plan`), but its
+Sobol sequences and indices, and sensitivity (:mod:`pouring_robot.sensitivity.analysis`), draw by the seed alone. Fixed
+seeds are for draws that must give the same answer for the same input, whatever the user's seed.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ if TYPE_CHECKING:
     import numpy as np
 
 SENSITIVITY_SEED = 2022
-"""Of the poses that sensitivity looks at, by default."""
+"""Of the poses that sensitivity evaluates, by default."""
 CHANCE_SEED = 0
-"""Of what chance alone reaches in a campaign (:func:`pouring_robot.inference.thresholds.chance_level`)."""
+"""Of the evidence that chance alone reaches in a campaign (:func:`pouring_robot.inference.thresholds.chance_level`)."""
 FRAMES_SEED = 20260722
 """Of the sets of rows that a fit of the frames starts from (:mod:`pouring_robot.estimation.frames.starts`)."""
 CLIMBS_SEED = 41
 """Of the places where the largest error of a path is sought (:mod:`pouring_robot.compensation.path`)."""
 RAYS_SEED = 7
-"""Of the rays of a picture that tell how open a place is, and how lit (:mod:`pouring_robot.viewer.raycast`)."""
+"""Of the rays of a picture that determine how open a place is, and how lit (:mod:`pouring_robot.viewer.raycast`)."""
 
 
 class Stream(enum.IntEnum):
-    """Who draws; the number is part of what is drawn, so that a change of it changes results."""
+    """Uses of random numbers; the number of a stream seeds its draws, so that a change of it changes results."""
 
     PLAN = 1  # poses of a random plan
     SIMULATION = 2  # frames and noise of a virtual tracker
@@ -45,7 +45,7 @@ def generator(seed: int, stream: Stream) -> np.random.Generator:
 
 
 def spawned(seed: int, drawn: Literal["errors", "poses"], block: int = 0) -> np.random.Generator:
-    """Return the generator of one block of what a sweep draws; its errors and its poses may carry the same seed."""
+    """Return the generator of one block of a sweep's draws; its errors and its poses may have the same seed."""
     import numpy as np
 
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(("errors", "poses").index(drawn), block)))

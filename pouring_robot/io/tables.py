@@ -29,14 +29,14 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Table:
-    """Headings and raw cells of a table. Lines with nothing in them are left out."""
+    """Headings and raw cells of a table. Empty lines are left out."""
 
     path: Path
     headings: tuple[str, ...]
     # line of each row in a CSV or Excel file (the heading is line 1), shape (n,); in Parquet, its row from 1
     lines: NDArray[np.int64]
     error: type[TableError]  # what is raised where something is wrong
-    heading_line: int | None  # None where headings stand on no line
+    heading_line: int | None  # None where headings are not on a line
     cells: Callable[[int], Sequence[Any]] = field(repr=False)  # returns the cells of a column, by its index
 
     def __len__(self) -> int:
@@ -51,7 +51,7 @@ class Table:
         return self.error(self.path, problem, self.heading_line, heading)
 
     def refuse_others(self, known: Sequence[str]) -> None:
-        """Refuse headings that are none of these, and those that stand twice."""
+        """Refuse headings that are not among these, and those that occur twice."""
         for heading in self.headings:
             if not heading:
                 mend = "name it, or take it out; pandas writes its index so, and not with index=False"
@@ -63,23 +63,23 @@ class Table:
         self.refuse_doubled()
 
     def refuse_doubled(self) -> None:
-        """Refuse headings that stand twice."""
+        """Refuse headings that occur twice."""
         for heading in self.headings:
             if self.headings.count(heading) > 1:
                 raise self.heading_fault(f"column '{heading}' stands twice")
 
     def labels(self, index: int) -> tuple[str, ...]:
-        """Return the cells of a column as words; "" where empty."""
+        """Return the cells of a column as text; "" where empty."""
         return tuple(_label(cell) for cell in self.cells(index))
 
     def numbers(self, index: int, *, sparse: bool = False, empty: str = "") -> NDArray[np.float64]:
         """Return the cells of a column as finite numbers (n,), none larger than any quantity, in the unit of the file.
 
-        ``sparse``: NaN where a cell is empty (or says ``nan``). ``empty`` is what is said of an empty cell; by default
-        that it is not a finite number.
+        ``sparse``: NaN where a cell is empty (or ``nan``). ``empty`` is the message for an empty cell; by default, that
+        it is not a finite number.
 
         Raises:
-            TableError: a cell is no such number.
+            TableError: a cell is not such a number.
         """
         values = np.empty(len(self))
         timed = self.headings[index].startswith("time_")
@@ -104,7 +104,7 @@ class Table:
 
 
 def _is_a_date(*, day_or_month_first: bool) -> str:
-    """Return what is wrong with a date in a column of times; pandas takes 01.03. for the 3rd of January if not told."""
+    """Return the message for a date in a column of times; pandas by default reads 01.03. as the 3rd of January."""
     order, otherwise = (", dayfirst=True", "; False if the month comes first") if day_or_month_first else ("", "")
     return (
         "is a date or a time of day; write the time since the first row (in s: "
@@ -118,9 +118,9 @@ def read_table(
     """Read a table whose first line names its columns: CSV (UTF-8, commas), or by its suffix Parquet or Excel.
 
     Args:
-        path: the file; an Excel file holds one sheet, beside empty ones.
-        example: headings such a table may have, to tell a user whose file is empty.
-        error: what is raised.
+        path: the file; an Excel file holds one sheet that is not empty.
+        example: headings such a table may have, for the message about an empty file.
+        error: the error raised.
         short_rows: whether cells may be left out at the end of a row; they are empty then.
 
     Raises:
@@ -185,7 +185,7 @@ def _number(cell: Any) -> float:
 
 
 def separators(headings: Sequence[Any]) -> str:
-    """Return what may be wrong with a table of these headings, if they are a comment or a single one."""
+    """Return a hint about a table of these headings, if they are a comment or a single heading."""
     if headings and str(headings[0]).startswith("#"):
         return _COMMENT
     if len(headings) == 1 and any(mark in str(headings[0]) for mark in ";\t"):
@@ -205,7 +205,7 @@ _Rows = list[tuple[int, list[Any]]]
 
 
 def _csv_rows(path: Path, error: type[TableError]) -> _Rows:
-    """Return line number and cells of every line that holds something."""
+    """Return line number and cells of every line that is not empty."""
     try:
         reader = csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig"), newline=""), strict=True)
     except OSError as problem:
@@ -219,13 +219,13 @@ def _csv_rows(path: Path, error: type[TableError]) -> _Rows:
 
 
 def _excel_rows(path: Path, error: type[TableError]) -> _Rows:
-    """Return the same of an Excel file, of whose sheets one holds something."""
+    """Return the same for an Excel file, of whose sheets only one may hold cells."""
     import pandas as pd
 
     try:
         # Words such as NA stay what they are, so that only a cell with an error, such as #DIV/0!, has no value.
         frames = pd.read_excel(path, sheet_name=None, header=None, dtype=object, keep_default_na=False)
-    except ImportError as problem:  # pandas says which package reads this kind
+    except ImportError as problem:  # pandas names the package that reads this kind
         raise error(path, f"cannot be read: {' '.join(str(problem).split())} Or save the table as CSV") from problem
     except OSError as problem:
         raise error(path, f"cannot be read: {problem.strerror or problem}") from problem
@@ -239,7 +239,7 @@ def _excel_rows(path: Path, error: type[TableError]) -> _Rows:
 
 
 def _rows_of(frame: Any) -> _Rows:
-    """Return line number and cells of every line of a sheet that holds something."""
+    """Return line number and cells of every line of a sheet that is not empty."""
     rows = frame.fillna("an error of Excel").itertuples(index=False)
     return [(line, list(row)) for line, row in enumerate(rows, start=1) if any(str(cell).strip() for cell in row)]
 
@@ -248,12 +248,12 @@ def _cells(given: Iterable[Any]) -> list[Any]:
     """Return cells of pandas, "" for those that are missing."""
     import pandas as pd
 
-    # Of a cell that holds a list isna gives a mask; what such a cell may be is for its column to say.
+    # For a cell that holds a list isna gives a mask; its column decides whether it accepts such a cell.
     return ["" if pd.isna(cell) is True else cell for cell in given]
 
 
 def _read_parquet(path: Path, error: type[TableError]) -> Table:
-    # Half a second to import, and only those who use Parquet need it.
+    # Takes half a second to import, and only Parquet needs it.
     import pyarrow
     import pyarrow.parquet
 

@@ -1,4 +1,4 @@
-"""Temperatures: °C in tables and models, K in heat balances; that of the drawing, and what is no temperature."""
+"""Temperatures: °C in tables and models, K in heat balances; reference temperatures, and which are impossible."""
 
 import math
 
@@ -8,24 +8,24 @@ ZERO_CELSIUS_K = 273.15
 """0 °C in K."""
 ABSOLUTE_ZERO_DEGC = -ZERO_CELSIUS_K
 REFERENCE_DEGC = 20.0
-"""At which parts have the lengths of the drawing, where no file says otherwise."""
+"""Temperature at which parts have the lengths of the drawing, unless a file states another."""
 AMBIENT_DEGC = 20.0
-"""Of a hall, where no file says otherwise."""
+"""Temperature of a hall, unless a file states another."""
 HOTTEST_DEGC = 2500.0
-"""Hotter than any melt that is poured; beyond it a temperature is a mistake of units."""
+"""Hotter than any melt that is poured; a temperature beyond it is a mistake of units."""
 IRON_IN_KELVIN = 1538.0 + ZERO_CELSIUS_K
-"""Iron's melting point in K. A melt that reads more is rather iron or steel in kelvin than iron 273 °C above it."""
+"""Iron's melting point in K. A melt that reads more is probably iron or steel in kelvin, not iron 273 °C above it."""
 SURROUNDINGS_DEGC = -90.0, 150.0
-"""Colder than any place on Earth (-89.2, Vostok 1983), and hotter than any hall: 20 K and 293 °C lie beyond."""
+"""Colder than any place on Earth (-89.2, Vostok 1983), and hotter than any hall: 20 K and 293 °C are outside."""
 
 
 def reference_degC(stated: float | None) -> float:
-    """Return at which temperature the drawing holds, in °C, where a file states one or none."""
+    """Return the temperature at which the drawing holds, in °C: that stated in a file, or the default."""
     return REFERENCE_DEGC if stated is None else stated
 
 
 def kelvin(value_degC: float, what: str = "temperature", *, surroundings: bool = False) -> float:
-    """Return in K what is in °C; raises TemperatureError of ``what`` where that is no temperature (of surroundings)."""
+    """Return a temperature in K; raises TemperatureError of ``what`` where it is impossible (for surroundings)."""
     fault = temperature_fault(value_degC, surroundings=surroundings)
     if fault or not math.isfinite(value_degC):
         raise TemperatureError(what, value_degC, fault)
@@ -33,7 +33,7 @@ def kelvin(value_degC: float, what: str = "temperature", *, surroundings: bool =
 
 
 def temperature_fault(value_degC: float, *, surroundings: bool = False) -> str:
-    """Return why a value in °C is no temperature of a part or a melt (or of surroundings), or "" if it is one."""
+    """Return why a value in °C is impossible for a part or a melt (or for surroundings), or "" if it is possible."""
     coldest, hottest = SURROUNDINGS_DEGC
     if surroundings and value_degC > hottest:
         beyond = f"is hotter than any surroundings (limit {hottest:g} degC)"

@@ -1,8 +1,8 @@
-"""The one place that decides how many threads the linear algebra takes: one.
+"""The only place that decides how many threads linear algebra uses: one.
 
 The package's matrices have tens to hundreds of rows. Threads of the BLAS that share such a product wait for each other
-far longer than they work: a calibration of a second takes four on two busy cores, with the same result to the last bit.
-What is worth sharing is shared by samples (:mod:`pouring_robot.batch`) or by processes.
+far longer than they work: a calibration of one second takes four on two busy cores, with the same result to the last
+bit. Work is shared by samples (:mod:`pouring_robot.batch`) or by processes instead.
 """
 
 import functools
@@ -16,7 +16,7 @@ _VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VE
 
 
 class _Shared:
-    """How many callers want one thread now, and what to put back when the last of them is done."""
+    """How many callers need one thread now, and the limits to restore when the last of them is done."""
 
     lock = threading.Lock()
     callers = 0
@@ -25,8 +25,8 @@ class _Shared:
 
 @functools.cache
 def _libraries() -> Any:
-    """Return what limits the BLAS of NumPy and of SciPy; found once: to look for them takes long."""
-    import scipy.linalg  # noqa: F401  (its BLAS is another one than NumPy's; what is not loaded is not limited)
+    """Return the controller of the BLAS of NumPy and of SciPy; found once, as the search takes long."""
+    import scipy.linalg  # noqa: F401  (its BLAS is not NumPy's; one that is not loaded is not limited)
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
@@ -34,7 +34,7 @@ def _libraries() -> Any:
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Keep the linear algebra to one thread inside a ``with`` block or a decorated function; may be nested."""
+    """Limit linear algebra to one thread inside a ``with`` block or a decorated function; may be nested."""
     with _Shared.lock:
         _Shared.callers += 1
         if _Shared.callers == 1:
@@ -49,9 +49,9 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def one_blas_thread_from_the_start() -> None:
-    """Keep this process and its children to one thread, unless the user chose otherwise; call before NumPy.
+    """Limit this process and its children to one thread, unless the user chose otherwise; call before importing NumPy.
 
-    Inside :func:`one_blas_thread` it is one thread all the same.
+    Inside :func:`one_blas_thread` it is one thread in any case.
     """
     for name in _VARIABLES:
         os.environ.setdefault(name, "1")

@@ -1,7 +1,7 @@
 """Reading YAML files into typed, validated objects, with errors that name file, line and key; and writing them.
 
 Every YAML file of the package (loops, layouts, models, sweeps, campaigns) is read through :func:`read_yaml`
-and :func:`validate`, so that a misspelt key is reported in the same words everywhere.
+and :func:`validate`, so that a misspelt key is reported in the same way everywhere.
 """
 
 import difflib
@@ -39,7 +39,7 @@ FileModel = TypeVar("FileModel", bound=pydantic.BaseModel)
 Value = TypeVar("Value")
 Unit = TypeVar("Unit")
 _UNITS = {unit.lower() for units in UNITS.values() for unit in units}
-_IN_YAML = {  # pydantic names the types as Python does
+_IN_YAML = {  # pydantic uses Python's names of types
     "tuple_type": "Input should be a list",
     "list_type": "Input should be a list",
     "dict_type": "Input should be a mapping of keys to values",
@@ -50,17 +50,17 @@ _REFUSED_AS: dict[str, Literal["float_type", "int_type"]] = {"float": "float_typ
 
 
 def _numbers_only(schema: Any, model: Any) -> Any:
-    """Return a part of a model's schema in which the text "350" and the switch `true` are not turned into numbers."""
+    """Return a part of a model's schema in which the text "350" and the switch `true` are not accepted as numbers."""
     if isinstance(schema, list):
         return [_numbers_only(part, model) for part in schema]
     if not isinstance(schema, dict):
         return schema
     if schema.get("type") == "model" and schema["cls"] is not model and issubclass(schema["cls"], StrictModel):
-        return schema  # it has seen to its own numbers
+        return schema  # it has done so for its own numbers
     whole = {key: _numbers_only(part, model) for key, part in schema.items()}
-    if schema.get("type") not in ("float", "int"):  # of fields by name, "type" may be one
+    if schema.get("type") not in ("float", "int"):  # "type" may also be the name of a field
         return whole
-    # Pydantic's own strictness would refuse 1e4 where a whole number is wanted, too.
+    # Pydantic's own strict mode would also refuse 1e4 for a whole number.
     return no_info_before_validator_function(functools.partial(_a_number, _REFUSED_AS[schema["type"]]), whole)
 
 
@@ -73,7 +73,7 @@ def _a_number(refused_as: Literal["float_type", "int_type"], value: Any) -> Any:
 class StrictModel(pydantic.BaseModel):
     """Base of all file models: immutable, no unknown keys, numbers are numbers, no NaN or infinity.
 
-    Made in Python it raises BadInputError for what is wrong, of a file :func:`validate` the error of the file.
+    A mistake raises BadInputError where the model is made in Python; :func:`validate` raises the error of a file.
     """
 
     model_config = pydantic.ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -84,18 +84,18 @@ class StrictModel(pydantic.BaseModel):
         except pydantic.ValidationError as problem:
             raise BadInputError(f"{type(self).__name__}: {_said(type(self), values, problem)[0]}") from problem
 
-    # Or pydantic would call it for each model within a file's, whose errors have places in the file.
+    # Otherwise pydantic would call it for each model inside a file's model, whose errors have places in the file.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: pydantic.GetCoreSchemaHandler) -> CoreSchema:
-        """Return pydantic's schema of the model, but that only numbers count as numbers."""
+        """Return pydantic's schema of the model, in which only numbers are accepted as numbers."""
         schema: CoreSchema = _numbers_only(handler(source), source)
         return schema
 
 
 class Entry(StrictModel, Generic[Value, Unit]):
-    """One fact with its unit and where it comes from."""
+    """One fact with its unit and its source."""
 
     value: Value
     unit: Unit
@@ -104,16 +104,16 @@ class Entry(StrictModel, Generic[Value, Unit]):
 
 
 class Entries(StrictModel):
-    """A whole of entries. It is pickled as what it says: pickle finds no name for the classes of single entries."""
+    """A model of entries. It is pickled by its content: pickle finds no name for the classes of single entries."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self).model_validate, (self.model_dump(exclude_unset=True),)
 
 
 def read_yaml(path: Path | str, wanted: str = "a YAML file with one") -> CommentedMap:
-    """Read a YAML file whose top level is a mapping; who reads it again may get the same parts: leave them as they are.
+    """Read a YAML file whose top level is a mapping; do not change its parts, which a second read may return again.
 
-    ``wanted`` says which file is to be given in the place of one without.
+    ``wanted`` says which file to give instead where the top level is no mapping.
 
     Raises:
         DescriptionError: the file is missing, unreadable, not YAML, has a key twice, or is not a mapping; the message
@@ -123,7 +123,7 @@ def read_yaml(path: Path | str, wanted: str = "a YAML file with one") -> Comment
 
 
 def parse_yaml(text: str, path: Path, wanted: str = "a YAML file with one") -> CommentedMap:
-    """Parse the text of such a file, which is or shall be at ``path``; raises as :func:`read_yaml`."""
+    """Parse the text of such a file, at ``path`` or meant for it; raises as :func:`read_yaml`."""
     if text.lstrip().startswith("<") and "<robot" in text:
         command = f"pouring-robot robot init {shlex.quote(str(path))}"
         raise DescriptionError(path, f"is a URDF, not YAML; '{command}' makes a robot file of it")
@@ -131,12 +131,12 @@ def parse_yaml(text: str, path: Path, wanted: str = "a YAML file with one") -> C
         content = _parsed(text)
     except MarkedYAMLError as problem:
         line = f"line {problem.problem_mark.line + 1}: " if problem.problem_mark else ""
-        # Of a doubled key the reader quotes all that stands under it.
+        # For a duplicate key the reader quotes all that is under it.
         summary = str(problem.problem or problem.context).splitlines()[0].partition(" with value")[0][:200]
         raise DescriptionError(path, f"{line}not valid YAML: {summary}") from problem
     except (YAMLError, ValueError) as problem:  # such as a number or a character YAML cannot hold
         raise DescriptionError(path, f"not valid YAML: {str(problem).splitlines()[0]}") from problem
-    except NotImplementedError as problem:  # the reader ties comments to what stands before them
+    except NotImplementedError as problem:  # the reader attaches comments to the item before them
         raise DescriptionError(path, "not valid YAML: a comment stands where the reader cannot place it") from problem
     except (TypeError, AttributeError) as problem:  # the reader cannot hold a mapping with a list in it as a key
         said = "not valid YAML: a key is a list or a mapping, or what is merged by << is none"
@@ -145,7 +145,7 @@ def parse_yaml(text: str, path: Path, wanted: str = "a YAML file with one") -> C
         raise DescriptionError(path, "not valid YAML: too many brackets or lines within another") from problem
     if not isinstance(content, CommentedMap):
         raise DescriptionError(path, f"must be a mapping of keys to values at its top level; give {wanted}")
-    own: CommentedMap = content.copy()  # with the numbers of its lines; what is kept stays as the text has it
+    own: CommentedMap = content.copy()  # with its line numbers; the cached content stays as parsed
     return own
 
 
@@ -159,15 +159,15 @@ def yaml_text(content: Any, **style: Any) -> str:
 
 @functools.lru_cache(maxsize=16)
 def _parsed(text: str) -> Any:
-    """Return what a text holds; the file of the loops, which every robot is made from, takes a fiftieth of a second."""
+    """Return the content of a text, cached: parsing the loops file, which every robot needs, takes 0.02 s."""
     return YAML(typ="rt").load(text)
 
 
 def _in_the_file(content: Any, location: Sequence[str | int], missing: bool) -> tuple[list[str | int], int | None]:
-    """Return a place of pydantic's as the file has it, without what it says in between of the types that it tried.
+    """Return pydantic's location of an error as a place in the file, without the types that pydantic tried.
 
-    Beside it the 1-based line of its deepest part that has any. ``missing`` says whether its last part is a key that
-    the file does not have.
+    Also return the 1-based line of its deepest part that has one. ``missing``: its last part is a key that is not in
+    the file.
     """
     found, line = list[str | int](), None
     parts: Any = location[: len(location) - missing]
@@ -176,14 +176,14 @@ def _in_the_file(content: Any, location: Sequence[str | int], missing: bool) -> 
             found.append(key)
             if isinstance(content, CommentedSeq):
                 line = int(content.lc.item(key)[0]) + 1
-            elif isinstance(content, CommentedMap) and key in (content.lc.data or {}):  # one merged in by << is not
+            elif isinstance(content, CommentedMap) and key in (content.lc.data or {}):  # keys merged in by << are not
                 line = int(content.lc.key(key)[0]) + 1
             content = content[key] if isinstance(content, Mapping | list) else None
     return [*found, *location[len(location) - missing :]], line
 
 
 def _known_fields(model: type[pydantic.BaseModel], location: Sequence[str | int]) -> dict[str, FieldInfo]:
-    """Return what is allowed at a place of the file, by key, as far as the types tell."""
+    """Return the fields allowed at a place of the file, by key, as far as the types determine them."""
     current: Any = model
     for key in location:
         fields = getattr(current, "model_fields", {})
@@ -196,20 +196,20 @@ def _known_fields(model: type[pydantic.BaseModel], location: Sequence[str | int]
 
 
 def _instead(key: str, known: Mapping[str, FieldInfo]) -> str:
-    """Return what to write in the place of a key: the same in a unit that there is, or the nearest."""
+    """Return what to write instead of a key: the same with a valid unit, or the nearest key."""
     stem, _, unit = key.rpartition("_")
     for same, wrong in ((key, "it names no unit"), (stem, f"'{unit}' is no unit of it")):
         in_units = [name for name in known if name.startswith(f"{same}_") and name[len(same) + 1 :].lower() in _UNITS]
         if same and in_units:
             return f": {wrong}; write {' or '.join(in_units)}"
     for near in difflib.get_close_matches(key, known, n=1):
-        told = known[near].description
-        return f"; did you mean '{near}'{f' (in {told})' if told else ''}?"
+        unit_of_key = known[near].description
+        return f"; did you mean '{near}'{f' (in {unit_of_key})' if unit_of_key else ''}?"
     return ""
 
 
 def _unit_of(model: type[pydantic.BaseModel], content: Any, location: Sequence[str | int]) -> str:
-    """Return the unit that stands beside a value under ``unit``, or that describes its key; "" without."""
+    """Return the unit given next to a value under ``unit``, or in the description of its key; "" without."""
     unit = ""
     for k, key in enumerate(location):
         field = _known_fields(model, location[:k]).get(str(key))
@@ -221,8 +221,8 @@ def _unit_of(model: type[pydantic.BaseModel], content: Any, location: Sequence[s
 
 
 def _said(model: type[pydantic.BaseModel], content: Any, problem: pydantic.ValidationError) -> tuple[str, int | None]:
-    """Return the first thing wrong in words, and its line, where the content has any."""
-    # A file of another kind says so in its format; a misspelt key is also a missing one. Those are what to mend.
+    """Return the first mistake in words, and its line, where the content has one."""
+    # A file of another kind says so in its format; a misspelt key is also a missing one. These are to be fixed first.
     errors = sorted(
         problem.errors(include_url=False),
         key=lambda one: (one["loc"] != ("format",) or one["type"] == "missing", one["type"] != "extra_forbidden"),
@@ -230,7 +230,7 @@ def _said(model: type[pydantic.BaseModel], content: Any, problem: pydantic.Valid
     first, *others = errors
     location, line = _in_the_file(content, first["loc"], first["type"] == "missing")
     where = ".".join(str(part) for part in location)
-    strange = False  # a file of another kind need not say so
+    strange = False  # whether it may be a file of another kind without saying so
     if first["type"] == "extra_forbidden":
         instead = _instead(str(location[-1]), _known_fields(model, location[:-1]))
         message = f"unknown key '{where}'{instead}"
@@ -255,7 +255,7 @@ def validate(model: type[FileModel], content: Mapping[str, Any], path: Path | st
     """Turn the content of a YAML file into ``model``.
 
     Raises:
-        DescriptionError: the first thing wrong, with its line, its key and, for a key nobody knows, the nearest known.
+        DescriptionError: names the first mistake with its line and key and, for an unknown key, the nearest known one.
     """
     try:
         return model.model_validate(content)

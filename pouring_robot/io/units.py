@@ -1,7 +1,7 @@
-"""Units of the user's edge: those that tables are read in, and those that people are shown; inside all is SI and °C.
+"""Units of input and output: those in which tables are read and values shown; internally all is in SI and °C.
 
 Errors are shown in mm and mrad, joint values in mm and degrees. Headings are read in
-:mod:`pouring_robot.io.quantities`; the keys of YAML files have their unit in their name or beside the value.
+:mod:`pouring_robot.io.quantities`; keys of YAML files have their unit in their name or next to the value.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 from pouring_robot.io.temperatures import ABSOLUTE_ZERO_DEGC
 
-if TYPE_CHECKING:  # the command line shows units before it loads NumPy
+if TYPE_CHECKING:  # the command line uses units before it loads NumPy
     import numpy as np
     from numpy.typing import NDArray
 
@@ -39,40 +39,40 @@ UNITS: dict[QuantityKind, dict[str, tuple[float, float]]] = {
     "sign": {},
     "label": {},
 }
-"""Units of each kind, the inner one first: a value divided by the first figure and shifted by the second is inner.
+"""Units of each kind, the internal one first: (value / first figure) + second figure is in the internal unit.
 
-Dividing by 1000 is rounded correctly, multiplying by 0.001 is not: mm and m then give the same double.
+Division by 1000 is rounded correctly, multiplication by 0.001 is not: so mm and m give the same double.
 """
 OF_UNIT = {unit: figures for units in UNITS.values() for unit, figures in units.items()}
 LARGEST = 1e9
-"""No quantity comes near this, in any of its units; what does is a broken number."""
+"""No quantity comes near this, in any of its units; a number that does is broken."""
 LATEST = 1e3 * LARGEST
-"""But for times, which some count from 1970 on, in s."""
+"""The same for times, which some count from 1970 on, in s."""
 
 
 def size_fault(value: float, largest: float = LARGEST) -> str:
-    """Return why a finite number is none of a quantity's, or "" if it may be one."""
+    """Return why a finite number is too large for any quantity, or "" if it is not."""
     fits = abs(value) <= largest or not math.isfinite(value)
     return "" if fits else f"{value:g} is larger than any quantity (limit {largest:g}); check the unit"
 
 
 def to_inner(values: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
-    """Return values in the inner unit of their kind (m, rad, kg, s, °C); same shape."""
+    """Return values in the internal unit of their kind (m, rad, kg, s, °C); same shape."""
     divisor, shift = OF_UNIT[unit]
     return values / divisor + shift if shift else values / divisor
 
 
 def shown_in(unit: str) -> tuple[str, float]:
-    """Return in what errors and what makes them are shown, and how large that is, in their own unit (SI)."""
+    """Return the unit in which errors and their causes are shown, and its size in their own unit (SI)."""
     return _OF_ERRORS[unit]
 
 
 def joint_shown(value: float, unit: str) -> tuple[float, str]:
-    """Return a joint value of a unit, m or rad, as it is shown, and in what."""
+    """Return a joint value, in m or rad, as it is shown, and the unit shown."""
     shown, si = joint_shown_in(unit)
     return value / si, shown
 
 
 def joint_shown_in(unit: str) -> tuple[str, float]:
-    """Return in what joint values of a unit, m or rad, are shown, and how large that is in it."""
+    """Return the unit in which joint values in m or rad are shown, and its size in SI."""
     return ("mm", MM) if unit == "m" else ("deg", DEG)

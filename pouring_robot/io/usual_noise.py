@@ -1,4 +1,4 @@
-"""The noise that plans and virtual measurements count with where nothing is said of it."""
+"""The noise that plans and virtual measurements assume where none is stated."""
 
 SIGMA = 5e-5
 """Standard deviation of a measured coordinate, in m, and of a rotation component, in rad."""
