@@ -1,4 +1,4 @@
-"""One look for everything that is read: parts of HTML pages, Matplotlib figures, colours.
+"""One look for all output: parts of HTML pages, Matplotlib figures, colours.
 
-Nothing here knows what is reported; each room writes its own report with these parts.
+Nothing here depends on what is reported; each room writes its own report with these parts.
 """

@@ -1,4 +1,4 @@
-"""A report as one HTML page without any outside file: plain content here, its look in ``templates/``."""
+"""A report as one self-contained HTML page: its content is made here, its look is in ``templates/``."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Paragraph:
 class Table:
     """A table of texts; cells at the end of a row may be left out.
 
-    ``folded`` is what stands in its place until it is opened.
+    ``folded`` is the text shown in its place until it is opened.
     """
 
     head: Row
@@ -51,14 +51,14 @@ class Table:
 
     @functools.cached_property
     def left(self) -> set[int]:
-        """Columns that are set to the left with their headings: those in which something is no figure."""
+        """Columns aligned left, with their headings: those in which any cell is not a figure."""
         columns = itertools.zip_longest(*self.rows, fillvalue="")
         return {k for k, cells in enumerate(columns) if not all(_is_figure(cell) for cell in cells)}
 
 
 @dataclass(frozen=True)
 class Lines:
-    """A list; a line that begins with a blank belongs to the one above it. ``mono`` keeps letters equally wide."""
+    """A list; a line that begins with a blank belongs to the one above it. ``mono`` sets it in a monospaced font."""
 
     lines: Sequence[str]
     mono: bool = False
@@ -86,13 +86,13 @@ Block = Heading | Paragraph | Table | Lines | Plot
 def html_page(
     title: str, blocks: Iterable[Block], *, links: Mapping[str, str] | None = None, data: Sequence[Path] = ()
 ) -> str:
-    """Return a page; every text of it may hold anything, for it is escaped.
+    """Return a page; its texts may hold anything, as they are escaped.
 
     Args:
         title: of the window, and the heading of the page.
         blocks: its content, from top to bottom.
-        links: files beside it by what they are.
-        data: the files it is about; their hashes stand at its end, with the version and the time.
+        links: files that accompany it, by their description.
+        data: the files it is about; their hashes are given at its end, with the version and the time.
     """
     drawn = [(type(block).__name__.lower(), block) for block in blocks]  # by the macro of that name
     template = templates("pouring_robot.report").get_template("report.html.j2")
@@ -108,14 +108,14 @@ def origin(data: Iterable[Path]) -> list[str]:
 
 
 def sentences(package: str, what: str, **known: Any) -> list[str]:
-    """Return the lines of a macro of a package's ``sentences.txt.j2``, by what it takes."""
+    """Return the lines of a macro of a package's ``sentences.txt.j2``, called with ``known``."""
     macros = templates(package).get_template("sentences.txt.j2").module
     return [line for line in getattr(macros, what)(**known).splitlines() if line]
 
 
 @functools.cache
 def templates(package: str) -> Environment:
-    """Return the templates of a package's folder ``templates``; what is put into those of HTML is escaped."""
+    """Return the templates of a package's folder ``templates``; values inserted into HTML are escaped."""
     from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
     found = Environment(

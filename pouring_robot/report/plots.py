@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-# Okabe and Ito's colours, told apart by colour-blind readers too.
+# Okabe and Ito's colours, which colour-blind readers can distinguish, too.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 GREY, DARK_GREY = "#999999", "#666666"
 COLOURS = (BLUE, VERMILION, GREEN, PURPLE)
@@ -24,21 +24,21 @@ _drawing = threading.RLock()
 
 @contextmanager
 def own_look() -> Iterator[None]:
-    """Draw as everywhere, whatever style the user's own plots have: it is one of the whole process, so one at a time.
+    """Draw in the package's style, whatever style the user has set: style is global, so one figure at a time.
 
-    Decorates what draws a figure; what becomes of the figure in :func:`png_of` and :func:`svg_of` has it too.
+    Decorates functions that draw a figure; :func:`png_of` and :func:`svg_of` use it, too.
     """
     import matplotlib as mpl
 
     with _drawing, mpl.rc_context():
         mpl.rcdefaults()
-        mpl.rcParams["text.parse_math"] = False  # others' names hold any sign; log axes so need "{x:g}"
+        mpl.rcParams["text.parse_math"] = False  # users' names hold any sign; log axes then need "{x:g}"
         yield
 
 
 def new_figure(width: float, height: float, dpi: float = 110.0) -> Any:
     """Return an empty Matplotlib figure that needs no screen, sizes in inches."""
-    from matplotlib.figure import Figure  # no pyplot: it would look for a screen and keep figures alive
+    from matplotlib.figure import Figure  # not pyplot, which would look for a screen and keep figures alive
 
     return Figure(figsize=(width, height), dpi=dpi, layout="constrained")
 
@@ -60,7 +60,7 @@ def draw_box(panel: Any, across: tuple[float, float], up: tuple[float, float]) -
 
 
 def _place(figure: Any) -> None:
-    """Find room for everything now: saving would draw all of it twice for that."""
+    """Do the layout now: saving would draw everything twice for it."""
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
@@ -77,7 +77,7 @@ def png_of(figure: Any) -> bytes:
 
 
 def tell(artist: Any, texts: Iterable[str]) -> None:
-    """Say what each point or bar of an artist is when a reader of the SVG points at it, a text each.
+    """Set the tooltip of each point or bar of an artist in the SVG, a text each.
 
     The artist is a line of markers, a scatter, or one patch; points that are not finite are not drawn and have no text.
     """
@@ -86,7 +86,7 @@ def tell(artist: Any, texts: Iterable[str]) -> None:
 
 @own_look()
 def svg_of(figure: Any) -> str:
-    """Return a figure as an SVG element to stand in a page: real letters, colours that follow the page's, no date."""
+    """Return a figure as an SVG element for a page: text as text, colours that follow the page's, no date."""
     import matplotlib as mpl
     from lxml import etree
 
@@ -95,34 +95,34 @@ def svg_of(figure: Any) -> str:
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "pouring_robot"}):
         figure.savefig(stream, format="svg", transparent=True, metadata=unsaid)
     root = etree.fromstring(stream.getvalue())
-    # About as large as it was drawn, so that a phone keeps the letters' size and scrolls, and a page with room does not
-    # blow it up; a page is 60rem wide at most.
+    # About as large as drawn, so that a phone keeps the size of letters and scrolls, and a wide page does not enlarge
+    # it; a page is 60rem wide at most.
     width = root.get("width")
     size = f"min-width: min({width}, 60rem); max-width: min(1.25 * {width}, 60rem)"
     root.set("style", f"stroke-linejoin: round; stroke-linecap: butt; fill: currentColor; {size}")
     for style in root.iter(f"{_SVG}style"):
-        style.getparent().remove(style)  # it would be the whole page's
+        style.getparent().remove(style)  # it would apply to the whole page
     for group in root.iter(f"{_SVG}g"):
         words = group.attrib.pop("id", "")
         if words.startswith(_TELL):
             marks = list(group.iter(f"{_SVG}use")) or group.findall(f"{_SVG}path")
             texts = base64.urlsafe_b64decode(words.removeprefix(_TELL)).decode().split("\n")
-            for mark, said in zip(marks, texts, strict=False):  # what lies outside its panel is not drawn
+            for mark, said in zip(marks, texts, strict=False):  # points outside their panel are not drawn
                 etree.SubElement(mark, f"{_SVG}title").text = said
         _shorten(group)
-    for element in root.iter():  # two decimals: a hundredth of a point is not seen
+    for element in root.iter():  # two decimals: a hundredth of a point is not visible
         for name in {"d", "x", "y", "width", "height"} & set(element.attrib):
             element.set(name, re.sub(r"(\d\.\d\d)\d+", r"\1", element.get(name)))
     text = etree.tostring(root, encoding="unicode")
-    for clip in root.iter(f"{_SVG}clipPath"):  # named after places in memory, some of them
+    for clip in root.iter(f"{_SVG}clipPath"):  # some are named after memory addresses
         shape = hashlib.md5(etree.tostring(clip[0]), usedforsecurity=False).hexdigest()[:10]
         text = text.replace(clip.get("id"), f"clip{shape}")
-    # Black is what the page writes with and white what it writes on, be it bright or dark.
+    # Black becomes the page's text colour and white its background, in light or dark mode.
     return re.sub(r"(stroke|fill): #000000", r"\1: currentColor", text).replace("#ffffff", "var(--paper)")
 
 
 def _shorten(group: Any) -> None:
-    """Say once what all points of a group look like, and where they are to a tenth of a point: there are thousands."""
+    """State the style of a group's points once, and their places to a tenth of a point: there are thousands."""
     marks = group.findall(f"{_SVG}use")
     if len({mark.get("style") for mark in marks}) == 1:
         group.set("style", marks[0].get("style", ""))

@@ -1,4 +1,4 @@
-"""What every result offers to a person at a prompt or in a notebook: one line, and a small table."""
+"""What every result offers at a prompt or in a notebook: one line, and a small table."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _SHOWN_ROWS = 12
 class Result(ABC):
     """Base of results. A dataclass that derives from it is declared with ``repr=False``.
 
-    What a result saves is written whole or not at all; OutputError says of what cannot be written why.
+    A result is saved whole or not at all; OutputError says why something cannot be written.
     """
 
     @property
     @abstractmethod
     def headline(self) -> str:
-        """What was found, in one line with its figures and their units."""
+        """The result in one line, with figures and their units."""
 
     def to_frame(self) -> pd.DataFrame:
         """Return the figures as a table whose column names carry the units."""
@@ -32,7 +32,7 @@ class Result(ABC):
         return pd.DataFrame(self._table())
 
     def _table(self) -> Any:
-        """Return the rows of the table, or its columns by name; what makes a table otherwise has a :meth:`to_frame`."""
+        """Return the rows of the table, or its columns by name; a class may override :meth:`to_frame` instead."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
