@@ -1,4 +1,4 @@
-"""One scene, three outputs: a page that stands alone, a picture made without a screen, a live view.
+"""One scene, three outputs: a self-contained page, a picture made without a screen, a live view.
 
     scene = Scene("pose 3", robots=(actual, nominal), arrows=(error,), steps=(Step("", (("gap", "3.1 mm"),)),))
     write_html(scene, "view.html")

@@ -1,7 +1,7 @@
-"""A scene in the browser while the program runs: a server on the loopback address and nowhere else.
+"""A scene in the browser while the program runs, from a server on the loopback address only.
 
 meshcat's own server is a process of its own that listens on every interface, outlives a killed parent and has
-a second port for commands. This one is a thread of the program: it ends with the program, however that ends.
+a second port for commands. This one is a thread of the program: it ends with the program in any case.
 """
 
 import asyncio
@@ -24,15 +24,15 @@ _PATIENCE_S = 10.0  # longest time the server's thread may take to start or to e
 
 
 class Bench(Protocol):
-    """What moves a live scene. Its methods are called by the server's thread, one at a time."""
+    """Something that moves a live scene. Its methods are called by the server's thread, one at a time."""
 
     def sliders(self) -> dict[str, Any]:
-        """Return what the page offers: what it is, its limits, its value, ready for JSON."""
+        """Return the sliders of the page, with names, limits and values, ready for JSON."""
 
     def answer(self, wanted: Any) -> dict[str, Any]:
         """Return what the page shows for values its user chose, ready for JSON; a refusal has the key ``refused``.
 
-        ``wanted`` is what came, as JSON has it; None where that was none.
+        ``wanted`` is the parsed JSON that was received, None if it was not JSON.
         """
 
 
@@ -49,7 +49,7 @@ class LiveView:
     """
 
     def __init__(self, scene: Scene, port: int = 0, bench: Bench | None = None) -> None:
-        self._clients: set[_Words] = set()  # touched by the server's thread alone
+        self._clients: set[_Words] = set()  # used by the server's thread alone
         shown = page(scene, live=True, bench=bench.sliders() if bench else None)
         self._settings: dict[str, Any] = {"page": shown, "bench": bench, "clients": self._clients}
         try:
@@ -106,10 +106,10 @@ class LiveView:
             self._started.set()  # whoever waits for the start need not wait any longer
 
     async def _listen(self) -> None:
-        # A browser's request for an icon is no news for a terminal, so nothing is logged.
+        # A browser's request for an icon need not appear in a terminal, so nothing is logged.
         application = tornado.web.Application(log_function=lambda handler: None, **self._settings)
-        # Asked for under any other name, the server knows nothing: a page from elsewhere whose name was made
-        # to point at this machine gets no answer.
+        # Requests under any other host name get no answer: such a page comes from elsewhere, and its name was made
+        # to point at this machine.
         application.add_handlers(r"127\.0\.0\.1|localhost", [(r"/(?:static/)?", _Page), (r"/bench", _Words)])
         server = tornado.httpserver.HTTPServer(application)
         server.add_socket(self._socket)
@@ -133,7 +133,7 @@ class _Page(tornado.web.RequestHandler):
 
 
 class _Words(tornado.websocket.WebSocketHandler):
-    """What the page asks and hears; tornado itself refuses pages of other origins."""
+    """Messages from and to the page; tornado itself refuses pages of other origins."""
 
     def open(self, *args: Any, **kwargs: Any) -> None:
         self.set_nodelay(True)
@@ -145,7 +145,7 @@ class _Words(tornado.websocket.WebSocketHandler):
             return
         try:
             wanted = json.loads(message)
-        except (ValueError, RecursionError):  # no page of ours: the bench refuses it as it refuses any other nonsense
+        except (ValueError, RecursionError):  # not from our page: the bench refuses it like any other invalid message
             wanted = None
         self.write_message(json.dumps(bench.answer(wanted), allow_nan=False))
 

@@ -1,8 +1,8 @@
-"""A scene as one HTML page that needs no network, no server and no file beside it.
+"""A scene as one HTML page that needs no network, no server and no other file.
 
-Shapes stand in it once, then where everything stands at every step. Numbers go as single precision in base64: good to a
-tenth of a micrometre on a robot of metres, and five hundred steps of the whole robot take about a megabyte. What stands
-still throughout takes one entry.
+It holds each shape once, then the places of all bodies at every step. Numbers are in single precision, as base64:
+accurate to a tenth of a micrometre on a robot of metres, and five hundred steps of the whole robot take about a
+megabyte. A body that never moves takes one entry.
 """
 
 import base64
@@ -41,7 +41,7 @@ def write_html(scene: Scene, path: Path | str) -> Path:
 
 
 def page(scene: Scene, *, live: bool = False, bench: dict[str, Any] | None = None) -> str:
-    """Return the page of a scene as HTML, with the sliders of a bench; ``live`` says that a program serves it.
+    """Return the page of a scene as HTML, with the sliders of a bench; ``live``: a program serves it.
 
     Its content policy lets it reach nothing but that program.
     """
@@ -63,8 +63,8 @@ def page(scene: Scene, *, live: bool = False, bench: dict[str, Any] | None = Non
 
 
 def _viewer_script() -> str:
-    """Return meshcat's viewer as JavaScript that may stand between script tags."""
-    # Found without an import, which would take IPython along and open a socket.
+    """Return meshcat's viewer as JavaScript for use between script tags."""
+    # Found without an import, which would load IPython and open a socket.
     script = distribution("meshcat").locate_file("meshcat/viewer/dist/main.min.js")
     source = Path(str(script)).read_text(encoding="utf-8")
     return source.replace("</script", r"<\/script")
@@ -92,7 +92,7 @@ def page_content(scene: Scene) -> Content:
 
 
 def film(scene: Scene) -> Content:
-    """Return what changes from step to step: places, colours, arrows, words and curves."""
+    """Return everything that changes from step to step: places, colours, arrows, texts and curves."""
     count = len(scene.steps)
     at = np.arange(1.0, count + 1.0) if scene.at is None else scene.at
     return {
@@ -108,7 +108,7 @@ def film(scene: Scene) -> Content:
 
 
 def _robot(scene: Scene, robot: SceneRobot, shapes: dict[Shape, int]) -> Content:
-    """Return what of a robot never changes; shapes are numbered in the order in which they are met."""
+    """Return the constant data of a robot; shapes are numbered in the order in which they occur."""
     colours = colours_at(scene, robot, scene.first).tolist()
     visuals = [
         {
@@ -124,7 +124,7 @@ def _robot(scene: Scene, robot: SceneRobot, shapes: dict[Shape, int]) -> Content
 
 
 def _places(scene: Scene, robot: SceneRobot) -> Content:
-    """Return quaternion and origin of every body without error, and shift and rotation vector of its error."""
+    """Return origin and quaternion of every body without error, and shift and rotation vector of its error."""
     reference = robot.bodies if robot.reference is None else robot.reference
     axes = Rotation.from_matrix(reference[..., :3, :3].reshape(-1, 3, 3))
     quaternions = axes.as_quat(canonical=True).reshape(*reference.shape[:2], 4)
@@ -141,7 +141,7 @@ def _places(scene: Scene, robot: SceneRobot) -> Content:
 
 
 def _course(values: FloatArray) -> list[str]:
-    """Return the course of every body, one entry where it stands still, from numbers (k, bodies, n)."""
+    """Return the values of every body over the steps, one entry where it does not move, from numbers (k, bodies, n)."""
     courses = np.swapaxes(values, 0, 1)
     still = np.ptp(courses, axis=1).max(axis=-1, initial=0.0) < _STILL
     return [_floats(one[:1] if rests else one) for one, rests in zip(courses, still.tolist(), strict=True)]
@@ -171,7 +171,7 @@ def _shape(shape: Shape) -> Content:
 
 
 def _cameras(scene: Scene, overview: Camera, points: FloatArray) -> dict[str, Camera]:
-    """Return the places to look from: all, from three sides, and closer to the tip where there is one arrow."""
+    """Return the cameras: an overview, three sides, and one closer to the tip where there is a single arrow."""
     found = {"all": overview} | {name: camera_around(points, direction) for name, direction in _DIRECTIONS.items()}
     single = [item for item in scene.arrows if item.starts_m.shape[1] == 1]
     if single:

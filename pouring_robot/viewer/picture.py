@@ -29,7 +29,7 @@ _BAND = 96  # rows of pixels drawn at once
 _MARGIN = 12  # rows of samples drawn beyond a band; even, and wider than a blur reaches
 _THREADS = 4
 _TOUCHING_M = 1e-4
-"""A translucent surface this little in front of a solid one is not drawn: it would come out in specks."""
+"""A translucent surface closer than this in front of a solid one is not drawn: it would appear as specks."""
 _INK = (29, 39, 51)
 _SOFT_INK = (81, 96, 111)
 _LINE = (204, 213, 223)
@@ -47,7 +47,7 @@ def write_png(scene: Scene, path: Path | str, size: tuple[int, int] = PICTURE_SI
 
 
 def png(scene: Scene, size: tuple[int, int] = PICTURE_SIZE) -> bytes:
-    """Return what such a file holds; raises BadInputError where the size is out of range."""
+    """Return the content of such a file; raises BadInputError where the size is out of range."""
     buffer = io.BytesIO()
     draw(scene, size).save(buffer, format="PNG")
     return buffer.getvalue()
@@ -67,7 +67,7 @@ def draw(scene: Scene, size: tuple[int, int] = PICTURE_SIZE) -> Image.Image:
         raise BadInputError(f"picture size {width} × {height}: each side must be {_SMALLEST} to {_LARGEST} pixels")
     panel_end, write_panel = _panel(scene, size)
     camera = scene.camera or camera_on(scene)
-    # The panel hides the left of the picture; what the camera looks at comes to the middle of the rest.
+    # The panel hides the left of the picture; the camera's target is in the middle of the rest.
     middle = 0.5 * width + min(0.5 * panel_end, 0.17 * width)
     view = View(camera, width * _SAMPLES, height * _SAMPLES, middle * _SAMPLES)
     layers = _layers(scene, view)
@@ -80,7 +80,7 @@ def draw(scene: Scene, size: tuple[int, int] = PICTURE_SIZE) -> Image.Image:
 
 
 def _layers(scene: Scene, view: View) -> list[Layer]:
-    """Return the solids of a scene by how they are laid over each other: opaque, each translucent robot, arrows."""
+    """Return the solids of a scene in the order in which they are overlaid: opaque, each translucent robot, arrows."""
     found: dict[tuple[int, str], list[Solid]] = {}
     for body in solids(scene):
         ghost = body.opacity < 1.0 and not body.on_top
@@ -109,7 +109,7 @@ def _composite(view: View, layers: Sequence[Layer], top: int, bottom: int) -> Fl
     samples = _background(view, top, rows)
     nearest = np.full((rows, view.columns), np.inf, dtype=np.float32)
     for layer in layers:
-        down, across = layer.window  # of the picture; of the band it takes:
+        down, across = layer.window  # in the picture; in the band it is:
         first = min(max(down.start - top, 0), rows)
         part = slice(first, min(max(down.stop - top, first), rows)), across
         if layer.bodies[0].on_top:
@@ -137,7 +137,7 @@ def _lay_ghost(samples: Floats, layer: Layer, directions: Floats, nearest: Float
 
 
 def _shaded(layer: Layer, directions: Floats, hits: Hits) -> Floats:
-    """Shade solid bodies; the slow part, light that is blocked, is worked out for one sample a pixel."""
+    """Shade solid bodies; the slow part, blocked light, is computed for one sample a pixel."""
     coarse = slice(None, None, _SAMPLES), slice(None, None, _SAMPLES)
     reach = 0.16 * view_height(layer.camera)
     daylight = layer.daylight(directions[coarse], hits.every(_SAMPLES), reach)
@@ -158,7 +158,7 @@ def _background(view: View, top: int, rows: int) -> Floats:
 
 
 def _label_arrows(picture: Image.Image, scene: Scene, view: View) -> None:
-    """Write its length beside the tip of each arrow that stands alone, rimmed in white to be readable over anything."""
+    """Write the length of each single arrow next to its tip, with a white outline to be readable over anything."""
     sheet = ImageDraw.Draw(picture, "RGBA")
     unit = _unit(picture.size)
     for item in scene.arrows:
@@ -183,9 +183,9 @@ def _label_arrows(picture: Image.Image, scene: Scene, view: View) -> None:
 
 
 def _panel(scene: Scene, size: tuple[int, int]) -> tuple[int, Callable[[Image.Image], None]]:
-    """Return where the box in the upper left corner ends, in pixels, and what draws it: title, legend, table and scale.
+    """Return the right end of the box in the upper left corner, in pixels, and a function that draws it.
 
-    Letters grow with the picture, so that it can be shown at any size.
+    It holds title, legend, table and scale. Letters grow with the picture, so that it can be shown at any size.
     """
     step, unit, entries, scale = scene.steps[scene.first], _unit(size), legend(scene), exaggeration_text(scene)
     title, plain, bold = _font(round(1.1 * unit), True), _font(unit), _font(unit, True)
@@ -227,7 +227,7 @@ def _panel(scene: Scene, size: tuple[int, int]) -> tuple[int, Callable[[Image.Im
 
 
 def _sign(sheet: ImageDraw.ImageDraw, entry: LegendEntry, left: int, y: int, unit: int) -> None:
-    """Draw what stands before the words of a legend line."""
+    """Draw the sign before the text of a legend line."""
     width, height, top = round(1.4 * unit), round(0.8 * unit), y + round(0.22 * unit)
     fill = (*_bytes(entry.colour), round(255 * entry.opacity))
     if not entry.is_arrow:
@@ -239,7 +239,7 @@ def _sign(sheet: ImageDraw.ImageDraw, entry: LegendEntry, left: int, y: int, uni
 
 
 def _wrapped(words: str, font: ImageFont.FreeTypeFont, width: float) -> list[str]:
-    """Return the words in lines that are no wider than asked, where the words allow it."""
+    """Return the words in lines that are no wider than ``width``, where the words allow it."""
     lines: list[str] = []
     for word in words.split():
         if lines and font.getlength(f"{lines[-1]} {word}") <= width:
@@ -261,6 +261,6 @@ def _bytes(colour: tuple[float, ...]) -> tuple[int, int, int]:
 
 @lru_cache(maxsize=32)
 def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """Return the typeface that matplotlib brings along: the same on every machine."""
+    """Return the typeface that comes with matplotlib: the same on every machine."""
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name), size)

@@ -24,7 +24,7 @@ _GOLDEN_SECTION = 0.618033988749895
 
 @dataclass(frozen=True)
 class View:
-    """How a camera's picture is laid out in samples."""
+    """Layout of a camera's picture in samples."""
 
     camera: Camera  # where it looks from
     columns: int  # samples from the left to the right edge
@@ -58,7 +58,7 @@ class View:
         """Return the rows and columns outside which the solids cannot be seen."""
         places = self.project(np.concatenate([body.vertices_in_world() for body in bodies]))
         sizes = (self.columns, self.rows)
-        if np.isnan(places).any():  # something stands beside or behind the eye
+        if np.isnan(places).any():  # something is next to or behind the eye
             return slice(0, self.rows), slice(0, self.columns)
         low = np.clip(places.min(axis=0) - 2, 0, sizes).astype(int).tolist()
         high = np.clip(places.max(axis=0) + 3, 0, sizes).astype(int).tolist()
@@ -86,12 +86,12 @@ class Hits:
 
 
 class Layer:
-    """Solids that are looked at together."""
+    """Solids that are viewed together."""
 
     def __init__(self, bodies: Sequence[Solid], view: View) -> None:
         """Move the solids so that the eye is the origin and build the search tree.
 
-        With the eye at the origin single precision is good to micrometres wherever the robot stands.
+        With the eye at the origin, single precision is accurate to micrometres wherever the robot stands.
         """
         self.bodies = tuple(bodies)
         self.camera = view.camera
@@ -150,7 +150,7 @@ class Layer:
         return _blurred(open_, mask, 11), _blurred(lit, mask, 5)
 
     def _free(self, points: Floats, directions: Floats, reach_m: float | np.float32) -> Floats:
-        """Return 1 where a ray gets as far as it should, 0 where something is in its way."""
+        """Return 1 where a ray is free up to its reach, 0 where something blocks it."""
         reach = np.full(len(points), reach_m, dtype=np.float32)
         blocked = self._scene.run(points, _unit(directions), dists=reach, query="OCCLUDED")
         return np.asarray(blocked < 0, dtype=np.float32)
@@ -166,7 +166,7 @@ def key_light(camera: Camera) -> Floats:
 def lit_colours(camera: Camera, directions: Floats, hits: Hits, daylight: Sequence[Floats] | None = None) -> Floats:
     """Return the colours (rows, columns, 3), 0 to 1, of the hits of rays under key light, fill light and sky.
 
-    ``daylight`` is what :meth:`Layer.daylight` says; by default all of it reaches every point.
+    ``daylight`` is from :meth:`Layer.daylight`; by default all light reaches every point.
     """
     right, up, forward = camera.axes().astype(np.float32)
     key, fill = key_light(camera), np.float32(0.1) * up - np.float32(0.85) * right - np.float32(0.5) * forward
@@ -187,7 +187,7 @@ def lit_colours(camera: Camera, directions: Floats, hits: Hits, daylight: Sequen
 def edge_mask(hits: Hits) -> BoolArray:
     """Return where a solid ends before another or has a crease: one sample wide, shape (rows, columns).
 
-    Where two of one colour lie in one plane, which of them a ray meets is chance: there is no line between them.
+    Where two of one colour lie in one plane, chance decides which of them a ray meets: there is no line between them.
     """
     edge = np.zeros(hits.part.shape, dtype=bool)
     for axis in (0, 1):
@@ -215,10 +215,10 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def _around(random: np.random.Generator, count: int, rounds: int) -> Iterator[Floats]:
-    """Yield unit vectors of shape (count, 3) that over all rounds point evenly in all directions.
+    """Yield unit vectors of shape (count, 3) that are spread evenly over all directions in all rounds together.
 
-    Each vector takes one step of a spiral from pole to pole every round. Vectors drawn without regard to each
-    other would need several times as many rounds for the same smoothness.
+    Each vector takes one step of a spiral from pole to pole every round. Vectors drawn independently would need several
+    times as many rounds for the same smoothness.
     """
     start = random.random(count, dtype=np.float32)
     for step in range(rounds):

@@ -1,7 +1,7 @@
-"""What is to be seen, as plain data: robots at one or more steps, arrows, words, curves and a camera.
+"""A scene as plain data: robots at one or more steps, arrows, texts, curves and a camera.
 
-Everything is given as it is. How many times differences are enlarged is one number of the scene, and pages let their
-reader change it.
+All values are true to scale. One number of the scene says how many times differences are enlarged; readers of a page
+can change it.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ BACKGROUND_LINKS = ("world", "truss_bridge", "trolley")
 """The truss that carries the mechanism."""
 
 STEEL: Colour = (0.55, 0.58, 0.62)
-"""What the legend shows for a robot in its own colours."""
+"""Colour in the legend of a robot in its own colours."""
 
 ARROW_RED: Colour = (0.86, 0.10, 0.10)
 
@@ -35,11 +35,11 @@ ARROW_RED: Colour = (0.86, 0.10, 0.10)
 class SceneRobot:
     """One robot, at every step of the scene or, if there is one entry only, in the same place throughout."""
 
-    name: str  # what the legend calls it; unique in the scene
+    name: str  # its name in the legend; unique in the scene
     visual: pin.GeometryModel  # its visual geometry, from :func:`pouring_robot.viewer.visual_model`.
-    # where the bodies stand that the visuals hang on (their ``parentJoint``), shape (k, bodies, 4, 4), m
+    # poses of the bodies that carry the visuals (their ``parentJoint``), shape (k, bodies, 4, 4), m
     bodies: FloatArray
-    # where the same bodies would stand without error, likewise; the difference is what the scene enlarges. None:
+    # poses of the same bodies without error, likewise; the scene enlarges the difference. None:
     # nothing is enlarged.
     reference: FloatArray | None = None
     colours: FloatArray | None = None  # of every visual, shape (k, visuals, 3), 0 to 1; None keeps ``tint``
@@ -69,7 +69,7 @@ class SceneRobot:
 
 @dataclass(frozen=True, eq=False)
 class SceneArrows:
-    """Arrows that are drawn in front of everything, at every step or the same throughout; one alone says its length."""
+    """Arrows drawn in front of everything, at every step or the same throughout; one alone is labelled with its length."""
 
     name: str  # unique in the scene
     starts_m: FloatArray  # tails in the world, shape (k, arrows, 3), m
@@ -87,7 +87,7 @@ class SceneArrows:
 
 @dataclass(frozen=True)
 class Step:
-    """One moment, or one row, of what a scene shows."""
+    """One moment, or one row, of a scene."""
 
     label: str = ""  # a few words; "" where there is one step only
     caption: tuple[tuple[str, str], ...] = ()  # rows of a small table, each (what, figure with its unit)
@@ -105,7 +105,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class ColourScale:
-    """What colours mean: matplotlib's map ``turbo`` from one value to another, with their unit."""
+    """Meaning of colours: matplotlib's map ``turbo`` from one value to another, with their unit."""
 
     name: str
     unit: str
@@ -124,8 +124,8 @@ class ColourScale:
 class Camera:
     """A perspective camera; the world's z axis points up in the picture."""
 
-    eye_m: FloatArray  # where it stands in the world, shape (3,), m
-    target_m: FloatArray  # what it looks at (and what a live view turns about), shape (3,), m
+    eye_m: FloatArray  # its place in the world, shape (3,), m
+    target_m: FloatArray  # the point it looks at (and about which a live view turns), shape (3,), m
     vertical_view_deg: float = 30.0  # angle between the lower and the upper edge of the picture, degrees
 
     def __post_init__(self) -> None:
@@ -149,20 +149,20 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything a picture or a page shows; these raise DescriptionError where a visual of a robot cannot be drawn."""
+    """Everything that a picture or page shows; both raise DescriptionError if a visual of a robot cannot be drawn."""
 
     title: str  # one line above the picture
     robots: tuple[SceneRobot, ...]  # the robots; names unique
     arrows: tuple[SceneArrows, ...] = ()  # error arrows
-    steps: tuple[Step, ...] = (Step(),)  # what is shown one after the other; a picture shows the step ``first``
-    at: FloatArray | None = None  # where the steps lie on their axis, increasing, shape (k,); None numbers them from 1
-    axis: str = ""  # what that axis is, with its unit; "" where steps follow no order, and a page has a button for each
+    steps: tuple[Step, ...] = (Step(),)  # shown one after the other; a picture shows the step ``first``
+    at: FloatArray | None = None  # places of the steps on their axis, increasing, shape (k,); None numbers them from 1
+    axis: str = ""  # name of that axis, with its unit; "" where steps have no order, and a page has a button for each
     curves: tuple[Curve, ...] = ()  # figures over the steps
     scale: ColourScale | None = None  # what colours mean
     first: int = 0  # the step that is shown first
-    exaggeration: float = 1.0  # how many times the differences between the robots are drawn larger than they are
+    exaggeration: float = 1.0  # factor by which differences between the robots are enlarged
     camera: Camera | None = None  # None looks at the mechanism (:func:`pouring_robot.viewer.camera_on`).
-    # links far larger than the mechanism. They are drawn pale, and the camera does not try to show them whole.
+    # links far larger than the mechanism. They are drawn pale, and the camera need not show them whole.
     background_links: tuple[str, ...] = BACKGROUND_LINKS
 
     def __post_init__(self) -> None:
@@ -193,7 +193,7 @@ def at_step(values: FloatArray, step: int) -> FloatArray:
 
 
 def exaggeration_text(scene: Scene) -> str:
-    """Return the sentence that tells a reader how far the picture is from true scale."""
+    """Return the text that tells a reader whether the picture is to scale."""
     if scene.exaggeration == 1.0:
         return "drawn to scale"
     return f"errors drawn {scene.exaggeration:g} × their size"
@@ -203,16 +203,16 @@ def exaggeration_text(scene: Scene) -> str:
 class LegendEntry:
     """One line of the legend."""
 
-    name: str  # the robot or the arrows it stands for
-    words: str  # what it says
-    colour: Colour  # colour of the sign before the words
+    name: str  # the robot or the arrows it represents
+    words: str  # its text
+    colour: Colour  # colour of the sign before the text
     opacity: float  # opacity of that sign
     is_arrow: bool = False  # whether the sign is an arrow
-    choice: bool = False  # it is one of several, of which one is seen at a time
+    choice: bool = False  # it is one of several, of which one is shown at a time
 
 
 def legend(scene: Scene) -> tuple[LegendEntry, ...]:
-    """Return a line for each robot and for arrows of each kind; what belongs to a state has no line of its own."""
+    """Return a line for each robot and for arrows of each kind; arrows that belong to a state have none."""
     robots = [LegendEntry(r.name, _words(r), r.tint or STEEL, r.opacity, choice=r.choice) for r in scene.robots]
     arrows = [LegendEntry(a.name, _words(a), a.colour, 1.0, is_arrow=True) for a in scene.arrows if not a.shown_with]
     return (*robots, *arrows)

@@ -1,6 +1,6 @@
-"""One step of a scene as a flat list of coloured solids in the world: what a picture draws, and a camera looks at.
+"""One step of a scene as a flat list of coloured solids in the world, for pictures and for placing cameras.
 
-A solid's shape is the triangles of a robot's visual geometry, whatever the URDF made them of.
+A solid's shape is the triangles of a robot's visual geometry, of any kind in the URDF.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,12 +21,12 @@ from pouring_robot.viewer.scene import SKY_TOP, Camera, Colour, Scene, SceneArro
 
 _DIRECTION = (1.0, -0.7, 0.38)
 """Towards the camera: far enough to the front that the mechanism's weak direction, sideways, shows its full length."""
-_HAZE = 0.45  # share of the sky's colour in what stands in the background
-_LOOKED_AT = 5  # steps of which a camera takes account
-_SAME_PLACE = 1e-4  # two placements closer than this (m, and rad as matrix entries) cannot be told apart in a picture
+_HAZE = 0.45  # share of the sky's colour in links of the background
+_LOOKED_AT = 5  # steps that a camera takes into account
+_SAME_PLACE = 1e-4  # two placements closer than this (m, and rad as matrix entries) look the same in a picture
 _CREASE_RAD = np.radians(35.0)
 """Neighbouring triangles that meet at more than this angle show an edge instead of a rounding."""
-_ROUND_SECTIONS = 40  # sides of the prism that stands for a cylinder
+_ROUND_SECTIONS = 40  # sides of the prism that represents a cylinder
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ def shape_of(item: pin.GeometryObject) -> Shape:
         case coal.Sphere():
             return _made(trimesh.creation.icosphere, 3, geometry.radius)
         case coal.BVHModelBase():
-            # Its scale is already in the vertices; what that mirrors is wound the other way round, or it is inside out.
+            # Its scale is already in the vertices; faces that it mirrors are rewound, or they would be inside out.
             triangles = map(geometry.tri_indices, range(geometry.num_tris))
             faces = np.array([[one[0], one[1], one[2]] for one in triangles], dtype=np.int64)
             wound = faces[:, ::-1] if np.prod(item.meshScale) < 0.0 else faces
@@ -80,7 +80,7 @@ def shape_of(item: pin.GeometryObject) -> Shape:
 
 @lru_cache(maxsize=256)
 def _made(make: Callable[..., Any], *sizes: float | tuple[float, ...]) -> Shape:
-    """Return the shape of a solid that trimesh makes, its middle in the origin: releases put a capsule's elsewhere."""
+    """Return the shape of a solid that trimesh makes, centred on the origin: some releases shift capsules."""
     body = make(*sizes)
     body.apply_translation(-body.bounds.mean(axis=0))
     return smooth(body)
@@ -109,7 +109,7 @@ class Solid:
 
     group: str  # the robot or the arrows it belongs to
     name: str  # unique within the group
-    link: str  # the link it hangs on; empty for arrows
+    link: str  # the link that carries it; empty for arrows
     shape: Shape  # its triangles in its own frame, m
     pose_world_to_solid: FloatArray  # homogeneous matrix, shape (4, 4), m
     colour: Colour  # red, green, blue, 0 to 1
@@ -123,7 +123,7 @@ class Solid:
 
 
 def enlarged(bodies: FloatArray, reference: FloatArray, factor: float) -> FloatArray:
-    """Return poses that stand ``factor`` times as far from a reference as they do, shape (..., 4, 4).
+    """Return poses moved to ``factor`` times their distance from a reference, shape (..., 4, 4).
 
     Shift and rotation vector are each multiplied, body by body, in the axes of the world.
     """
@@ -147,13 +147,13 @@ def solids(scene: Scene, step: int | None = None) -> tuple[Solid, ...]:
 def camera_on(scene: Scene) -> Camera:
     """Return a camera that shows the robots, without the links in the background, as large as will fit.
 
-    The scene's own camera plays no part.
+    The scene's own camera is not used.
     """
     return camera_around(outline(scene))
 
 
 def outline(scene: Scene) -> FloatArray:
-    """Return what a camera is to see of a scene, in several of its steps, as points in the world, shape (k, 3), m."""
+    """Return the points of a scene that a camera is to show, from several steps, in the world, shape (k, 3), m."""
     steps = sorted({*evenly_spaced(len(scene.steps), _LOOKED_AT).tolist(), scene.first})
     bodies = [body for step in steps for robot in scene.robots for body in robot_solids(scene, robot, step)]
     chosen = [body for body in bodies if body.link not in scene.background_links] or bodies
@@ -182,13 +182,13 @@ def camera_around(points: FloatArray, direction: Sequence[float] = _DIRECTION) -
 
 
 def view_height(camera: Camera) -> float:
-    """Return the height of what the camera sees at the distance of its target, m."""
+    """Return the height of the camera's view at the distance of its target, m."""
     distance = float(np.linalg.norm(camera.target_m - camera.eye_m))
     return 2.0 * distance * float(np.tan(np.radians(camera.vertical_view_deg) / 2.0))
 
 
 def robot_solids(scene: Scene, robot: SceneRobot, step: int) -> list[Solid]:
-    """Return every visual of a robot at a step, enlarged as the scene wants it; paler what stands in the background."""
+    """Return every visual of a robot at a step, enlarged as the scene states; paler in the background."""
     places = at_step(robot.bodies, step)
     if robot.reference is not None:
         places = enlarged(places, at_step(robot.reference, step), scene.exaggeration)
@@ -218,7 +218,7 @@ def colours_at(scene: Scene, robot: SceneRobot, step: int) -> FloatArray:
 
 
 def _draw_once(bodies: list[Solid]) -> list[Solid]:
-    """Drop translucent bodies that stand exactly where a solid robot has the same one: no gap looks like no gap."""
+    """Drop translucent bodies that coincide with the same body of a solid robot, so that no gap looks like no gap."""
     solid = {body.name: body for body in bodies if body.opacity == 1.0}
     return [b for b in bodies if b.opacity == 1.0 or b.name not in solid or not _coincide(b, solid[b.name])]
 
