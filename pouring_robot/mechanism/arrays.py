@@ -1,4 +1,4 @@
-"""Arrays that must not change under their reader's hands, grids, runs and choices of rows, RMS, robust deviation."""
+"""Read-only arrays, checks of numbers, grids, runs and choices of rows, RMS, robust deviation."""
 
 import copyreg
 from collections.abc import Iterator, Mapping
@@ -18,14 +18,14 @@ _MAD_TO_SIGMA = 1.4826  # of normal values: one over their quantile of three qua
 
 
 def as_columns(found: FloatArray) -> FloatArray:
-    """Return twists that Pinocchio has as columns, (6, n): it gives a single one as a vector."""
+    """Return Pinocchio's twists as columns, (6, n): it returns a single one as a vector."""
     return np.asarray(np.reshape(found, (6, -1)))
 
 
 def evenly_spaced(count: int, most: int) -> NDArray[np.intp]:
-    """Return which of so many things stand for all, ascending: every one, or ``most`` of more, evenly spread.
+    """Return indices, ascending, that represent ``count`` items: all, or ``most`` of more, evenly spaced.
 
-    The first is among them, and the last where there are two.
+    The first item is included, and the last where two or more are returned.
     """
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
 
@@ -44,9 +44,9 @@ def grid(*axes: ArrayLike) -> FloatArray:
 
 
 def real(values: Any) -> FloatArray:
-    """Return a copy of real numbers as an array; TypeError or ValueError of what numpy would drop a part of.
+    """Return a copy of real numbers as an array; TypeError or ValueError where numpy would drop information.
 
-    That is an imaginary part, when a time is counted from, and the names of fields.
+    That is an imaginary part, the origin of a time, or the names of fields.
     """
     given = np.asarray(values)
     if given.dtype.kind in "cmMV" or (given.dtype.kind == "O" and np.iscomplexobj(given.tolist())):
@@ -57,8 +57,8 @@ def real(values: Any) -> FloatArray:
 def numbers(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArray:
     """Return a copy of numbers that a user gives as an array of a shape, or raise BadInputError(demand).
 
-    None is any count; an empty list is none of a table. Labels and masks would go unheard, so tables with named columns
-    and masked values are refused.
+    None in the shape is any count; an empty list is a table without rows. Labels and masks would be ignored, so tables
+    with named columns and masked values are refused.
     """
     if hasattr(values, "columns"):
         raise BadInputError(f"{demand}; a table's headings are not read: convert its columns and give to_numpy()")
@@ -75,7 +75,7 @@ def numbers(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArr
 
 
 def finite(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArray:
-    """Return such :func:`numbers`, of which each must be finite."""
+    """Return :func:`numbers`, all of which must be finite."""
     array = numbers(values, shape, demand)
     if not np.isfinite(array).all():
         raise BadInputError(demand)
@@ -83,7 +83,7 @@ def finite(values: Any, shape: tuple[int | None, ...], demand: str) -> FloatArra
 
 
 def rms(values: FloatArray) -> float:
-    """Return the root mean square of those values that are known; NaN where none is."""
+    """Return the root mean square of the finite values; NaN if there are none."""
     known = values[np.isfinite(values)]
     return float(np.sqrt((known**2).mean())) if known.size else float("nan")
 
@@ -114,7 +114,7 @@ copyreg.pickle(MappingProxyType, lambda proxy: (locked, (dict(proxy),)))
 
 
 def lock_arrays(result: Any) -> None:
-    """Put read-only views in place of all arrays of a dataclass; what was given stays writable for its owner."""
+    """Replace all arrays of a dataclass by read-only views; the arrays given stay writable for their owner."""
     for name, value in vars(result).items():
         if isinstance(value, np.ndarray):
             object.__setattr__(result, name, read_only(value.view()))

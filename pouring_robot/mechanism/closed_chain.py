@@ -1,9 +1,9 @@
-"""A closed-chain mechanism: a URDF tree and the loops that close it, in Pinocchio, unchangeable once built.
+"""A closed-chain mechanism: a URDF tree and the loops that close it, in Pinocchio, immutable once built.
 
-The URDF says which chain carries the moving platform, because a URDF must be a tree. The real platform hangs from
-all chains alike. So the joint that carries it (``cut_joints`` of the loops file) is cut: it becomes a floating
-joint, every chain, the carrying one included, is closed onto the platform by a loop, and the choice of the
-carrying chain drops out of all results.
+In the URDF one chain carries the moving platform, because a URDF must be a tree. The real platform is carried by all
+chains alike. So the joint that carries it (``cut_joints`` of the loops file) is cut: it becomes a floating joint, every
+chain, the carrying one included, is closed onto the platform by a loop, and results do not depend on the choice of the
+carrying chain.
 """
 
 import functools
@@ -26,30 +26,30 @@ from pouring_robot.mechanism.pinocchio_model import displace_model, frame_index,
 
 
 def _composed(first: Mapping[str, pin.SE3], second: Mapping[str, pin.SE3]) -> dict[str, pin.SE3]:
-    """Return displacements one after the other."""
+    """Return the composition of displacements, the first before the second."""
     return dict(first) | {name: first[name] * pose if name in first else pose for name, pose in second.items()}
 
 
 class ClosedChainMechanism:
-    """URDF + loops as one immutable object; everything that moves lives in the solvers built on it.
+    """URDF and loops as one immutable object; all state that changes is in the solvers built on it.
 
-    What is asked for by name raises UnknownFrameError or UnknownJointError where the robot has none of that name.
+    Methods that take a name raise UnknownFrameError or UnknownJointError where the robot has no such frame or joint.
 
     Args:
         urdf: the robot as URDF text, before any displacement.
         loops: the declaration of loops and drives.
         source: the file to name in error messages.
-        displacements: joints, fixed or moving, that stand off from where the URDF puts them: the pose of the actual
-            placement in the URDF's.
-        built_in: displacements from the drawing that the URDF holds already, which closures of large ones must know.
-        home: joint values, in m or rad, of which those of locked joints say where they are held; else at zero.
+        displacements: of joints, fixed or moving, from their placements in the URDF: the pose of the actual placement
+            in the URDF's.
+        built_in: displacements from the drawing that the URDF already contains; closures need them if they are large.
+        home: joint values, in m or rad; locked joints are held at theirs, or at zero without one.
 
     Attributes:
         tree_urdf: the URDF with cut joints floating and ``joint_types`` applied; spherical ones turn about one axis.
         mimics: joints that follow others.
-        anchors: where each loop is closed: its frames a and b, rigidly on a joint of the tree each.
+        anchors: frames a and b of each loop, where it is closed, each fixed to a joint of the tree.
         shared_model: Pinocchio's model itself, for solvers of this package: read it, never change it.
-        drawn: what was found of the drawing, which mechanisms that are displaced from one another share.
+        drawn: properties of the drawing once computed, shared by mechanisms displaced from one another.
 
     Raises:
         DescriptionError: Pinocchio cannot build the URDF, or the loops name absent frames or joints.
@@ -91,11 +91,11 @@ class ClosedChainMechanism:
         self._check_mimics()
 
     def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
-        """Pickle as what it was built from: Pinocchio's constraint models cannot be pickled."""
+        """Pickle the arguments it was built from: Pinocchio's constraint models cannot be pickled."""
         return type(self), (self.urdf, self.loops, self._source, self._displacements, self._built_in, self._home)
 
     def displaced(self, displacements: Mapping[str, pin.SE3]) -> Self:
-        """Return the mechanism with joints displaced further, faster than a new one; raises as require_placement."""
+        """Return the mechanism with joints displaced further, faster than building one; raises as require_placement."""
         for name in displacements:
             self.require_placement(name)
         other = self._twin()
@@ -106,7 +106,7 @@ class ClosedChainMechanism:
         return other
 
     def _twin(self, **loops: Any) -> Self:
-        """Return a copy with another base or stiffness; no name or index depends on them or on where joints stand."""
+        """Return a copy with another base or stiffness; no name or index depends on them or on joint placements."""
         twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
         twin.loops = self.loops.model_copy(update=loops)
@@ -114,11 +114,11 @@ class ClosedChainMechanism:
 
     @property
     def errors(self) -> dict[str, pin.SE3]:
-        """How joints are displaced from the drawing: the pose of the actual placement in the drawn one, by joint."""
+        """Displacements of joints from the drawing: the pose of the actual placement in the drawn one, by joint."""
         return _composed(self._built_in, self._displacements)
 
     def with_stiffness(self, stiffness: LoopStiffness) -> Self:
-        """Return the mechanism with other stiffness of its closures; where joints stand does not depend on it."""
+        """Return the mechanism with other stiffness of its closures; joint placements do not depend on it."""
         return self._twin(stiffness=stiffness)
 
     def seen_from(self, base: str) -> Self:
@@ -126,7 +126,7 @@ class ClosedChainMechanism:
         return self._twin(base_frame=base)
 
     def with_drives(self, drives: tuple[str, ...]) -> Self:
-        """Return the mechanism with other drives, or none: what is driven no longer is found by the closure."""
+        """Return the mechanism with other drives, or none: the closure finds joints that are no longer driven."""
         loops = self.loops.model_copy(update={"drives": drives})
         return type(self)(self.urdf, loops, self._source, self._displacements, self._built_in, self._home)
 
@@ -166,7 +166,7 @@ class ClosedChainMechanism:
         return tuple((frame(loop, loop.frame_a), frame(loop, loop.frame_b)) for loop in self.loops.loops)
 
     def frames_at(self, configuration: FloatArray) -> pin.Data:
-        """Return joints and frames where they stand at a configuration (nq,), until this thread asks again."""
+        """Return poses of joints and frames at a configuration (nq,), valid until this thread's next call."""
         if not hasattr(self._workspace, "data"):
             self._workspace.data = self.shared_model.createData()
         pin.framesForwardKinematics(self.shared_model, self._workspace.data, configuration)
@@ -191,7 +191,7 @@ class ClosedChainMechanism:
 
     @functools.cached_property
     def passive_columns(self) -> Indices:
-        """Velocity indices that closure has to find: neither driven nor locked, nor following another joint."""
+        """Velocity indices that the closure determines: neither driven nor locked, nor following another joint."""
         fixed = {*self._drive_ids, *self._locked_ids, *(self.joint_id(mimic.joint) for mimic in self.mimics)}
         free = (own for j, own in enumerate(self.joint_columns.values(), start=1) if j not in fixed)
         return np.array([column for own in free for column in own], dtype=np.intp)
@@ -203,7 +203,7 @@ class ClosedChainMechanism:
 
     @functools.cached_property
     def coupling(self) -> FloatArray:
-        """How all joints move with those that lead, shape (nv, nv): the unit matrix, but for what mimics others."""
+        """How all joints move with those that lead, shape (nv, nv): the unit matrix, but for joints that mimic."""
         coupling = np.eye(self.shared_model.nv)
         for mimic in self.mimics:
             follower, leader = (self.joint_columns[name].start for name in (mimic.joint, mimic.leader))
@@ -211,7 +211,7 @@ class ClosedChainMechanism:
         return coupling
 
     def columns_on(self, path: Collection[str]) -> FloatArray:
-        """Return 1 for every velocity column of the joints on a path, else 0; (nv,)."""
+        """Return 1 for each velocity column of a joint on a path, else 0; (nv,)."""
         return np.array([name in path for name, own in self.joint_columns.items() for _ in own], dtype=float)
 
     @functools.cached_property
@@ -222,12 +222,12 @@ class ClosedChainMechanism:
 
     @property
     def joint_paths(self) -> dict[str, tuple[str, ...]]:
-        """The same of every joint, moving and fixed; a link may be called as a joint elsewhere is."""
+        """The same for every joint, moving and fixed; a link may have the name of a joint elsewhere."""
         return self._paths[0]
 
     @functools.cached_property
     def seen_joints(self) -> frozenset[str]:
-        """Joints that carry the base frame, or what is reported or closed, but not both; none that is cut."""
+        """Joints that carry either the base frame or a reported or loop frame, not both; none that is cut."""
         paths, loops = self.frame_paths, self.loops
         frames = (*loops.reported_frames, *loops.loop_frames)
         carriers = ({*paths[loops.base_frame]} ^ {*paths[frame]} for frame in frames)
@@ -250,7 +250,7 @@ class ClosedChainMechanism:
         return unit_of(self.shared_model.joints[self.joint_id(joint)])
 
     def placement_on_end(self, frame: str) -> pin.SE3:
-        """Return where a frame that is rigid on the end body sits in the loops file's ``end_frame``.
+        """Return the pose of a frame fixed to the end body in the loops file's ``end_frame``.
 
         Raises BadInputError where joints lie between the two.
         """
@@ -260,7 +260,7 @@ class ClosedChainMechanism:
         return end.placement.actInv(wanted.placement)
 
     def frame_id(self, name: str) -> int:
-        """Return Pinocchio's index of a frame; raises UnknownFrameError where there is none of that name."""
+        """Return Pinocchio's index of a frame; raises UnknownFrameError if there is none of that name."""
         expect(name, str, "a frame is asked for by its name")
         model = self.shared_model
         if not model.existFrame(name):
@@ -269,18 +269,18 @@ class ClosedChainMechanism:
 
     @property
     def T_end_tool(self) -> pin.SE3:
-        """Where the frame that counts sits on the body that closes the loops (the pouring lip on the platform)."""
+        """Pose of the frame that counts on the body that closes the loops (the pouring lip on the platform)."""
         return self.placement_on_end(str(self.loops.working_frame))
 
     def joint_id(self, name: str) -> int:
-        """Return Pinocchio's index of a moving joint; raises UnknownJointError where there is none of that name."""
+        """Return Pinocchio's index of a moving joint; raises UnknownJointError if there is none of that name."""
         expect(name, str, "a joint is asked for by its name")
         if not self.shared_model.existJointName(name):
             raise UnknownJointError(name, list(self.shared_model.names)[1:])
         return int(self.shared_model.getJointId(name))
 
     def pose_world_to_placement(self, data: pin.Data, joint: str) -> pin.SE3:
-        """Return where the placement of a joint stands before its own motion, from frames of ``data`` up to date."""
+        """Return the pose of a joint's placement, before its own motion, from up-to-date frames of ``data``."""
         if self.shared_model.existJointName(joint):
             index = self.shared_model.getJointId(joint)
             return data.oMi[self.shared_model.parents[index]] * self.shared_model.jointPlacements[index]
@@ -293,14 +293,14 @@ class ClosedChainMechanism:
         return base.actInv(end)
 
     def neutral_configuration(self) -> FloatArray:
-        """Return the configuration with every joint at zero, locked ones where they are held; shape (nq,)."""
+        """Return the configuration with every joint at zero, locked ones at their held values; shape (nq,)."""
         held = {name: self._home[name] for name in self.loops.locked_joints if name in self._home}
         return self.with_joint_values(pin.neutral(self.shared_model), held)
 
     def with_joint_values(self, configuration: FloatArray, values: Mapping[str, float]) -> FloatArray:
         """Return a copy of a configuration with the given one-freedom joints set (m or rad); shape (nq,).
 
-        Raises UnknownJointError for an absent joint, BadInputError for one of several freedoms, values that are no
+        Raises UnknownJointError for an absent joint, BadInputError for one of several freedoms, values that are not a
         mapping or not finite, or a configuration of another length.
         """
         count = self.shared_model.nq
@@ -318,9 +318,9 @@ class ClosedChainMechanism:
         return result
 
     def with_mimics(self, configuration: FloatArray, values: Mapping[str, float]) -> FloatArray:
-        """Return a configuration (nq,) with joints that mimic others where their leaders put them.
+        """Return a configuration (nq,) with joints that mimic others at the values that follow from their leaders.
 
-        Joint values in it (m, rad) may stand more than a turn away, which a configuration does not say.
+        ``values`` (m, rad) may include whole turns, which a configuration does not hold.
         """
         if not self.mimics:
             return configuration
@@ -328,21 +328,21 @@ class ClosedChainMechanism:
         return self.with_joint_values(configuration, self.follower_values(known))
 
     def follower_values(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Return the values (m or rad) of the joints alone that mimic those of known values."""
+        """Return the values (m or rad) of only those joints that mimic joints of known values."""
         return {m.joint: m.ratio * values[m.leader] + m.offset for m in self.mimics if m.leader in values}
 
     def with_followers(self, offsets: Mapping[str, float]) -> dict[str, float]:
-        """Return offsets of joints (m or rad) with those of the joints that mimic them, as their leaders move them."""
+        """Return offsets of joints (m or rad), with those that follow for joints that mimic them."""
         return {**offsets, **{m.joint: m.ratio * offsets[m.leader] for m in self.mimics if m.leader in offsets}}
 
     @property
     def endless(self) -> tuple[str, ...]:
-        """Joints that turn without limits, whose whole turns no configuration knows."""
+        """Joints that turn without limits, whose whole turns a configuration does not hold."""
         return tuple(name for name, _, count, freedoms in self._moving if count > freedoms == 1)
 
     @functools.cached_property
     def _moving(self) -> tuple[tuple[str, int, int, int], ...]:
-        """Every moving joint: its name, its first coordinate, how many it has, and its freedoms."""
+        """Every moving joint: its name, its first coordinate, its number of coordinates, and its freedoms."""
         model = self.shared_model  # whose vectors are slow to be gone through
         parts = list(model.names)[1:], list(model.idx_qs)[1:], list(model.nqs)[1:], list(model.nvs)[1:]
         return tuple(zip(*parts, strict=True))

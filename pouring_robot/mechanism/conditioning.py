@@ -1,4 +1,4 @@
-"""What G says of a pose: how far the closed mechanism is from a singular one, and which tilted axis does most."""
+"""Conditioning of a pose, from G: how far the mechanism is from a singular pose, and which tilted axis acts most."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 @dataclass(frozen=True)
 class Dexterity:
-    """How well the drives command the end body; lengths and angles compared through ``length_m``."""
+    """How well the drives command the end body; lengths and angles are compared by ``length_m``."""
 
     condition: float  # condition number of the scaled Jacobian (1 is best)
     # the nearer kind; ``serial``: the end body loses a freedom, ``parallel``: it gains one, which takes a loop
@@ -50,16 +50,16 @@ def dexterity(
     redundant: int = 0,
     closed: bool = True,
 ) -> Dexterity:
-    """Return condition and distance to singularity of what the drives command.
+    """Return condition number and distance to singularity of the drives' Jacobian.
 
     Args:
         jacobian: twist of the end body per drive, shape (6, drives): its transfer matrix by the drives.
         prismatic: which drives are lengths.
         length_m: characteristic length that turns angles into lengths, for instance the mean distance of the
             moving U-joint centres from the platform's origin.
-        rows: of the end body's twist that count; by default all six.
-        redundant: by how many the drives outnumber the freedoms: in so many directions they strain the parts and move
-            nothing, which is no singularity.
+        rows: rows of the end body's twist that count; by default all six.
+        redundant: number of drives beyond the freedoms: in that many directions they strain the parts and move nothing,
+            which is no singularity.
         closed: whether the robot has loops; without one there is no parallel singularity.
     """
     scales = np.where(np.array(rows) < 3, 1.0, length_m)

@@ -1,4 +1,4 @@
-"""The magnitude of gravity, one for the whole package."""
+"""The magnitude of gravity, the same in the whole package."""
 
 GRAVITY_M_S2 = 9.80665
 """Standard gravity; Pinocchio's own default is 9.81."""

@@ -1,7 +1,7 @@
-"""Types of joints: what a file may change a joint to and how that is made, its unit, what may drive, what is exported.
+"""Types of joints: those a file may change a joint to, and how; units; which may be driven; which are exported.
 
-Of ``joint_types`` what a URDF can say stands in the URDF of a robot already (``robot/description/definition.py``); ball
-joints, which it cannot say, are made in Pinocchio's model.
+Those ``joint_types`` that a URDF can express are already in the URDF of a robot (``robot/description/definition.py``);
+ball joints, which it cannot express, are made in Pinocchio's model.
 """
 
 import copy
@@ -16,28 +16,28 @@ from pouring_robot.exceptions import UnknownJointError
 JointKind = Literal[
     "fixed", "spherical", "universal_xy", "universal_xz", "universal_yx", "universal_yz", "universal_zx", "universal_zy"
 ]
-"""What a joint may be changed to. A universal joint turns about two axes of its placement, the first one first, in two
-joints ``<name>_X`` and ``<name>_Y`` (or Z)."""
+"""Types that a joint may be changed to. A universal joint turns about two axes of its placement, in the order named, in
+two joints ``<name>_X`` and ``<name>_Y`` (or Z)."""
 NOT_IN_URDF = frozenset({"spherical"})
-"""Those of them that a URDF cannot say."""
+"""Those of them that a URDF cannot express."""
 UNITS: Mapping[str, Literal["m", "rad"]] = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
-"""URDF's types of one freedom, which alone may be driven, and the units of their values."""
+"""URDF's types of one freedom, the only ones that may be driven, and the units of their values."""
 BOUNDED = ("revolute", "prismatic")
 """Those of them that have limits."""
 EXPORTED = (*UNITS, "fixed")
-"""URDF's types that MJCF and SDF are written of."""
+"""URDF's types that are exported to MJCF and SDF."""
 _AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 
 
 def unit_of(joint: pin.JointModel) -> Literal["m", "rad"]:
-    """Return the unit of a joint of one freedom of Pinocchio's: a length or an angle."""
+    """Return the unit of a one-freedom joint of Pinocchio's: a length or an angle."""
     return "m" if joint.nv == 1 and joint.shortname().startswith("JointModelP") else "rad"
 
 
 def change_joints(urdf: str, kinds: Mapping[str, str]) -> str:
     """Return the URDF with joints of other kinds (``JointKind`` or ``floating``); a spherical one turns about one axis.
 
-    Raises UnknownJointError where the URDF has no such joint, etree.XMLSyntaxError where it is no XML.
+    Raises UnknownJointError where the URDF has no such joint, etree.XMLSyntaxError where it is not XML.
     """
     root = etree.fromstring(urdf.encode())
     found = {joint.get("name"): joint for joint in root.iterfind("joint")}
@@ -55,7 +55,7 @@ def change_joints(urdf: str, kinds: Mapping[str, str]) -> str:
 
 
 def _split(joint: etree._Element, first: str, second: str) -> None:
-    """Turn a joint into two that turn about different axes, with a link of no mass between them."""
+    """Turn a joint into two that turn about different axes, with a massless link between them."""
     name, robot = str(joint.get("name")), joint.getparent()
     between = f"{name}_{first.upper()}_link"
     other = copy.deepcopy(joint)

@@ -1,7 +1,7 @@
-"""Local parameters: the one notion behind geometric errors, heat, calibration and diagnosis.
+"""Local parameters: the common concept of geometric errors, heat, calibration and diagnosis.
 
-A local parameter is a number that changes the mechanism at one place. Every effect is a combination of them, and
-the error-transfer matrix (:mod:`pouring_robot.mechanism.transfer`) carries them all to the ladle in the same way.
+A local parameter is a number that changes the mechanism at one place. Every effect is a combination of them, and the
+error-transfer matrix (:mod:`pouring_robot.mechanism.transfer`) maps them all to the ladle in the same way.
 """
 
 from collections.abc import Iterable
@@ -43,7 +43,7 @@ class _OfDrive:
 
 
 class DriveParameter(_OfDrive):
-    """Error of a commanded drive value, in ``m`` or ``rad``: the drive stands at command plus error."""
+    """Error of a commanded drive value, in ``m`` or ``rad``: the drive's value is command plus error."""
 
     kind = "drive"
 
@@ -56,7 +56,7 @@ class StiffnessParameter(_OfDrive):
 
 @dataclass(frozen=True)
 class PayloadParameter:
-    """Mass of the payload, in kg, at the place the loads give it."""
+    """Mass of the payload, in kg, at the place given in the loads."""
 
     name: str = "payload"
     unit: str = "kg"
@@ -81,7 +81,7 @@ class FrameParameter:
 
 
 GeometricParameter = PlacementParameter | DriveParameter
-"""What shifts or turns something inside the mechanism: what calibration identifies and sweeps draw."""
+"""Parameters that shift or turn something inside the mechanism: calibration identifies them, sweeps draw them."""
 LocalParameter = GeometricParameter | StiffnessParameter | PayloadParameter | FrameParameter
 
 
@@ -96,13 +96,13 @@ def unit_twist(component: str) -> FloatArray:
 
 
 def placements(joints: Iterable[str], errors: FloatArray) -> dict[str, pin.SE3]:
-    """Return the displacement of each joint that has an error, of errors (joints, 6) in m and rad, in its placement."""
+    """Return the displacements of joints whose errors, (joints, 6) in m and rad, are not zero, in their placements."""
     pairs = zip(joints, errors, strict=True)
     return {joint: pin.SE3(pin.exp3(error[3:]), error[:3]) for joint, error in pairs if error.any()}
 
 
 def drive_parameters(mechanism: ClosedChainMechanism) -> tuple[DriveParameter, ...]:
-    """Return an error of each drive, in the order of the loops file."""
+    """Return the error of each drive as a parameter, in the order of the loops file."""
     return tuple(DriveParameter(joint, mechanism.unit_of(joint)) for joint in mechanism.loops.drives)
 
 

@@ -1,8 +1,8 @@
 """Which loops of a URDF tree are closed, and which of its joints are driven.
 
-A URDF is a tree; a loops file says which pairs of its frames coincide on the real machine. Two dialects are read:
-our own (``robot_description/config/loops.yaml``) and the ``robot.yaml`` of Gepetto's example-parallel-robots
-(keys ``closed_loop``, ``type``, ``name_mot``).
+A URDF is a tree; a loops file says which pairs of its frames coincide on the real machine. Two formats are read: our
+own (``robot_description/config/loops.yaml``) and the ``robot.yaml`` of Gepetto's example-parallel-robots (keys
+``closed_loop``, ``type``, ``name_mot``).
 """
 
 from collections.abc import Mapping
@@ -45,7 +45,7 @@ class LoopStiffness(Entries):
 
 
 class LoopsFile(StrictModel):
-    """A loops file as written, in our own dialect."""
+    """A loops file as written, in our own format."""
 
     mechanism: str = "closed chain"  # what it is called
     base_frame: str = "universe"  # poses are seen from it
@@ -72,7 +72,7 @@ class LoopsFile(StrictModel):
 
     @property
     def loop_frames(self) -> tuple[str, ...]:
-        """The frames that loops close, two of each."""
+        """The frames that loops close, two of each loop."""
         return tuple(name for loop in self.loops for name in (loop.frame_a, loop.frame_b))
 
     @property
@@ -133,7 +133,7 @@ def _from_gepetto(content: CommentedMap, path: Path) -> dict[str, Any]:
 
 
 def _gepetto_joint_types(content: CommentedMap, path: Path) -> dict[str, str]:
-    """Return the changes of joints under ``joint_name`` and ``joint_type``, such as ``UJOINT_XY``, in our words."""
+    """Return the changes of joints under ``joint_name`` and ``joint_type``, such as ``UJOINT_XY``, by our names."""
     names, kinds = content.get("joint_name") or [], content.get("joint_type") or []
     if not isinstance(names, list) or not isinstance(kinds, list) or len(names) != len(kinds):
         raise DescriptionError(path, "'joint_name' and 'joint_type' must be lists of one length")
@@ -143,9 +143,9 @@ def _gepetto_joint_types(content: CommentedMap, path: Path) -> dict[str, str]:
 
 
 def load_loops(path: Path | str, said: Mapping[str, Any] = MappingProxyType({})) -> LoopsFile:
-    """Read a loops file of either dialect; raises DescriptionError where it is missing or a key in it is wrong.
+    """Read a loops file of either format; raises DescriptionError where it is missing or a key in it is wrong.
 
-    What is ``said`` elsewhere counts in place of its keys, which it then need not have.
+    Values ``said`` elsewhere replace its keys, which it then need not have.
     """
     path = as_path(path)
     content = read_yaml(path)

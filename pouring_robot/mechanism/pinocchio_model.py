@@ -1,7 +1,7 @@
-"""Pinocchio's model of a URDF: joints tied to another by ``mimic``, the parser's words, joints displaced in the model.
+"""Pinocchio's model of a URDF: ``mimic`` joints, the parser's messages, joints displaced in the model.
 
-A xacro becomes a URDF before, in ``robot/description/xacro_to_urdf.py``; joints that are not what the URDF says are
-made in :mod:`~pouring_robot.mechanism.joint_types`.
+A xacro was converted to a URDF before, in ``robot/description/xacro_to_urdf.py``; joints of types other than the URDF's
+are made in :mod:`~pouring_robot.mechanism.joint_types`.
 """
 
 import contextlib
@@ -38,7 +38,7 @@ class Mimic:
 
 
 def read_mimics(urdf: str, source: Path | str) -> tuple[Mimic, ...]:
-    """Return joints that mimic others, mimics of mimics by the first; raises DescriptionError where they are wrong."""
+    """Return joints that mimic others, chains resolved to the first leader; raises DescriptionError if one is wrong."""
     own = {}
     for tied in etree.fromstring(urdf.encode()).xpath("joint[not(@type='fixed')]/mimic[1]"):
         name = str(tied.getparent().get("name"))
@@ -61,9 +61,9 @@ def _resolved(mimic: Mimic, every: Mapping[str, Mimic], source: Path | str) -> M
 
 
 def tree_of(urdf: str, loops: LoopsFile, source: Path) -> tuple[str, tuple[Mimic, ...], pin.Model]:
-    """Return a URDF with joints as loops want them, those that mimic, and the model of it, which is the caller's own.
+    """Return a URDF with joints as the loops state them, those that mimic, and its model, which the caller may change.
 
-    Raises DescriptionError: a joint is absent, or the text is no URDF that Pinocchio can build, in its parser's words.
+    Raises DescriptionError where a joint is absent, or, with its parser's message, Pinocchio cannot build the URDF.
     """
     *read, model = _tree_of(urdf, tuple(loops.joint_types.items()), tuple(loops.cut_joints), source)
     return *read, model.copy()
@@ -87,9 +87,9 @@ def _tree_of(
 
 
 def model_of(urdf: str, source: Path) -> pin.Model:
-    """Return Pinocchio's model of a URDF, under standard gravity; joints whose limits it leaves out have none.
+    """Return Pinocchio's model of a URDF, under standard gravity; joints without limits in it are unlimited.
 
-    Raises DescriptionError, in the parser's words, where Pinocchio cannot build it.
+    Raises DescriptionError, with the parser's message, where Pinocchio cannot build it.
     """
     words: list[str] = []
     try:
@@ -109,7 +109,7 @@ def model_of(urdf: str, source: Path) -> pin.Model:
 
 @contextlib.contextmanager
 def _heard(words: list[str]) -> Iterator[None]:
-    """Collect the lines that a library writes to standard error meanwhile."""
+    """Collect the lines that a library writes to standard error in the block."""
     with _lock, tempfile.TemporaryFile() as heard:
         if sys.stderr is not None:  # closed by whoever started the process
             sys.stderr.flush()
@@ -125,7 +125,7 @@ def _heard(words: list[str]) -> Iterator[None]:
 
 
 def frame_index(model: pin.Model, name: str) -> int:
-    """Return Pinocchio's index of a frame that is there; a joint may be called as a link is, and the link counts."""
+    """Return Pinocchio's index of an existing frame; where joint and link have the same name, it is the link's."""
     link = pin.FrameType.BODY
     return int(model.getFrameId(name, link) if model.existFrame(name, link) else model.getFrameId(name))
 

@@ -14,7 +14,7 @@ from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
 
 @dataclass(frozen=True, eq=False)
 class PoseDifference(ReadOnly):
-    """Where the actual frame stands, beside where it should be, in the axes of the base."""
+    """Difference of an actual frame from its nominal pose, in the axes of the base."""
 
     translation_m: FloatArray  # actual minus nominal origin, shape (3,), in m
     rotation_rad: FloatArray  # rotation vector that turns the nominal axes into the actual ones, shape (3,), in rad
@@ -43,7 +43,7 @@ class PoseDifference(ReadOnly):
 
 
 def bodies_at(model: pin.Model, configurations: Sequence[FloatArray]) -> FloatArray:
-    """Return where the joints of a model stand in the world, shape (k, joints, 4, 4), for k configurations (nq,)."""
+    """Return the poses of a model's joints in the world, shape (k, joints, 4, 4), for k configurations (nq,)."""
     data, places = model.createData(), []
     for configuration in configurations:
         pin.forwardKinematics(model, data, np.array(configuration))

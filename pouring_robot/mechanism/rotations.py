@@ -1,6 +1,6 @@
-"""Rotations of stacks of poses: vectors and what their small changes turn, tilts, nearest ones; points at an arm.
+"""Rotations of stacks of poses: vectors and their Jacobians, tilts, nearest rotations; motion of points at an arm.
 
-With exp(w) the rotation of a rotation vector w (Rodrigues), the right Jacobian (``pin.Jexp3``) says
+With exp(w) the rotation of a rotation vector w (Rodrigues), the right Jacobian (``pin.Jexp3``) is defined by
 ``exp(w + dw) = exp(w) exp(right_jacobian(w) dw)``; see e.g. Chirikjian, *Stochastic Models, Information Theory, and
 Lie Groups* 2, §10.6.
 """
@@ -24,7 +24,7 @@ def skew(vectors: FloatArray) -> FloatArray:
 
 
 def tilts(rotations: FloatArray) -> FloatArray:
-    """Return by how much rotations (..., 3, 3) tilt about y, (...), in rad: where their third axis points."""
+    """Return the tilts of rotations (..., 3, 3) about y, (...), in rad: the direction of their third axis."""
     return np.asarray(np.arctan2(rotations[..., 0, 2], rotations[..., 2, 2]))
 
 
@@ -34,7 +34,7 @@ def tilts_alone(rotations: FloatArray) -> FloatArray | None:
 
 
 def tilt_rates(rotations: FloatArray, turns: FloatArray) -> FloatArray:
-    """Return how :func:`tilts` changes, (..., p), by turns ω (..., 3, p), by which the third axis c moves as ω × c."""
+    """Return the changes of :func:`tilts`, (..., p), by turns ω (..., 3, p), which move the third axis c by ω × c."""
     x, z = rotations[..., 0, 2, None], rotations[..., 2, 2, None]
     moved = np.cross(turns, rotations[..., 2, None], axis=-2)
     return np.asarray((z * moved[..., 0, :] - x * moved[..., 2, :]) / (x**2 + z**2))
@@ -80,7 +80,8 @@ def rotation_matrices(rotation_vectors_rad: FloatArray) -> FloatArray:
 def rotation_vectors(matrices: FloatArray, since: FloatArray | None = None) -> FloatArray:
     """Return rotation vectors (..., 3), in rad, of rotation matrices (..., 3, 3); NaN stays NaN.
 
-    Of what turns the axes ``since``, (..., 3, 3), into those of the matrices, in the base of both, if they are given.
+    If axes ``since``, (..., 3, 3), are given, of the rotations that turn them into those of the matrices, in the base
+    of both.
     """
     from scipy.spatial.transform import Rotation
 

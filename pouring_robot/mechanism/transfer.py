@@ -8,7 +8,7 @@ where T turns joint (f) and parameter (p) twists into the twist of the observed 
 loops close, with weight and yielding drives in the model. (One chain alone, its joints held, as in the paper's
 Section 4: :meth:`pouring_robot.batch.compiled.CompiledEngine.transfer_open_branch`.)
 
-A row triple is the displacement of the frame's origin, then the rotation vector, both in the axes of the base frame.
+Rows are the displacement of the frame's origin, then the rotation vector, both in the axes of the base frame.
 """
 
 from __future__ import annotations
@@ -63,11 +63,11 @@ class TransferMatrix(ReadOnly, Result):
 
     @property
     def headline(self) -> str:
-        """What the matrix is of."""
+        """Frame and parameters of the matrix."""
         return f"G of '{self.frame}' by {len(self.parameters)} local parameters"
 
     def to_dataarray(self) -> xr.DataArray:
-        """Return the matrix with its labels: a number is in ``unit`` per ``per``."""
+        """Return the matrix with its labels: entries are in ``unit`` per ``per``."""
         import xarray as xr
 
         components = ["x", "y", "z", "rx", "ry", "rz"]
@@ -89,15 +89,15 @@ class TransferMatrix(ReadOnly, Result):
 def closed_chain_transfer(
     solver: ClosureSolver, result: ClosureResult, parameters: Sequence[LocalParameter], frame: str | None = None
 ) -> TransferMatrix:
-    """Return G of the closed mechanism at a closure of the solver, whose loads count; by default of the end frame.
+    """Return G of the closed mechanism at a closure of the solver, under its loads; by default of the end frame.
 
-    Joints that idle answer with their least motion. (Where an error strains the loops, an idle joint of a real machine
-    may turn to where it strains them least.)
+    Idle joints respond with their least motion. (Where an error strains the loops, an idle joint of a real machine may
+    turn to where it strains them least.)
 
     Raises:
         UnknownJointError: a parameter names an absent joint.
         BadInputError: a parameter does not apply, such as the stiffness of a rigid drive.
-        SingularPoseError: the drives do not determine the observed frame here. Joints may idle inside.
+        SingularPoseError: the drives do not determine the observed frame here. Idle joints inside are allowed.
     """
     energy, mechanism, end = solver.energy, solver.mechanism, solver.mechanism.loops.end_frame
     if frame is None and end is None:
@@ -115,9 +115,9 @@ def closed_chain_transfer(
 
 
 def _observed(energy: ClosureEnergy, placed: PlacedTwists, frame: str) -> tuple[FloatArray, FloatArray]:
-    """Return a frame's twist against the base, in its axes: per joint velocity, (6, nv), and per parameter, (6, n).
+    """Return a frame's twist against the base, in base axes: per joint velocity, (6, nv), and per parameter, (6, n).
 
-    The latter with all joints held. Frames in the energy's data are up to date.
+    The latter is with all joints held. Frames in the energy's data must be up to date.
     """
     own, paths = energy.mechanism.loops.base_frame, energy.mechanism.frame_paths
     ids = [energy.mechanism.frame_id(name) for name in (frame, own)]
@@ -139,7 +139,7 @@ def _observed(energy: ClosureEnergy, placed: PlacedTwists, frame: str) -> tuple[
 def _imposed(
     solver: ClosureSolver, result: ClosureResult, state: EnergyState, hessian: FloatArray, placed: PlacedTwists
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what parameters do by themselves, (nv, n) each: motion of rigid drives, and change of the gradient."""
+    """Return the direct effects of parameters, (nv, n) each: motion of rigid drives, and change of the gradient."""
     energy, drives = solver.energy, solver.mechanism.loops.drives
     change = energy.gradient_derivative(state, placed.columns())
     motion = np.zeros_like(change)
@@ -169,9 +169,9 @@ def _imposed(
 
 
 def _answer(hessian: FloatArray, wanted: FloatArray, twists: FloatArray) -> FloatArray:
-    """Return how the free joints answer a change of their gradient, (free, n); what idles must not show in ``twists``.
+    """Return the free joints' response to a change of their gradient, (free, n); idle ones must not show in ``twists``.
 
-    All are by the free joints: the Hessian, (free, free), and the observed frame's twists, (6, free).
+    All are over the free joints: the Hessian, (free, free), and the observed frame's twists, (6, free).
     """
     if not hessian.size or not wanted.size:
         return wanted

@@ -1,6 +1,6 @@
-"""What weight puts on drives, by virtual work: a drive that yields by dq under W at height h carries -W ∂h/∂q.
+"""Forces of weight on drives, by virtual work: a drive that yields by dq under W at height h carries -W ∂h/∂q.
 
-And what it puts on the joints of an open chain, across their axes too: the moment of all that a joint carries.
+Also moments of weight on the joints of an open chain, across their axes, too: of all that a joint carries.
 """
 
 from collections.abc import Sequence
@@ -18,29 +18,29 @@ from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 
 def up_in_base(mechanism: ClosedChainMechanism) -> FloatArray:
-    """Return the direction against gravity in the base, (3,)."""
+    """Return the direction opposite to gravity in the base, (3,)."""
     frames, gravity = mechanism.frames_at(mechanism.neutral_configuration()).oMf, mechanism.shared_model.gravity.linear
     axes = frames[mechanism.frame_id(mechanism.loops.base_frame)].rotation
     return np.asarray(axes.T @ (-gravity / np.linalg.norm(gravity)))
 
 
 def by_a_newton(up: FloatArray, moved: FloatArray, rotation: FloatArray, place: ArrayLike) -> FloatArray:
-    """Return what a newton of weight on the end body puts on what moves it, (n, p), in N/N and Nm/N.
+    """Return the forces that a newton of weight on the end body exerts on what moves it, (n, p), in N/N and Nm/N.
 
     Args:
-        up: direction against gravity in the base, (3,).
+        up: direction opposite to gravity in the base, (3,).
         moved: derivative of the pose of a frame on the end body, in base axes, (n, 6, p).
         rotation: axes of the end body, (n, 3, 3).
-        place: of the weight, from that frame's origin in axes of the end body, (3,), in m.
+        place: position of the weight from that frame's origin in axes of the end body, (3,), in m.
     """
     return np.asarray(-np.einsum("c,ncp->np", up, moved_point(moved, rotation @ np.asarray(place))))
 
 
 def own_force(mechanism: ClosedChainMechanism, configurations: FloatArray) -> FloatArray:
-    """Return what the links' own weight puts on every drive, (n, D), in N and Nm, at or near configurations (n, nq).
+    """Return the forces of the links' weight on every drive, (n, D), in N and Nm, at or near configurations (n, nq).
 
-    Pinocchio's generalised gravity is what the joints must give; the weight does the opposite to each drive, by the way
-    in which it moves the joints.
+    Pinocchio's generalised gravity is the force that the joints must exert; the weight exerts the opposite on each
+    drive, through the joints that the drive moves.
     """
     model, drives = mechanism.shared_model, drive_parameters(mechanism)
     data, solver = model.createData(), ClosureSolver(mechanism)
@@ -58,9 +58,9 @@ def own_force(mechanism: ClosedChainMechanism, configurations: FloatArray) -> Fl
 
 
 def own_moments(mechanism: ClosedChainMechanism, configurations: FloatArray, joints: Sequence[str]) -> FloatArray:
-    """Return the moment of the links' own weight on joints of open chains, (n, 3 J), in Nm, at configurations (n, nq).
+    """Return the moments of the links' weight on joints of open chains, (n, 3 J), in Nm, at configurations (n, nq).
 
-    That of all links behind a joint, about the origin and the axes of its placement, x, y and z joint by joint.
+    Each is that of all links behind the joint, about origin and axes of its placement, x, y and z joint by joint.
     """
     model = mechanism.shared_model
     data, numbers = model.createData(), [model.getJointId(name) for name in joints]

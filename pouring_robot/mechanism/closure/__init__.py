@@ -1,4 +1,4 @@
-"""How the loops of a mechanism are closed: the least energy of what is left open, and the solver that finds it.
+"""Closure of a mechanism's loops: the energy of their residuals, and the solver that finds its minimum.
 
-What weight, displaced placements and redundant drives have to do with that energy is here too.
+The effects of weight, displaced placements and redundant drives on that energy are here, too.
 """

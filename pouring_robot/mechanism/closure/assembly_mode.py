@@ -1,4 +1,4 @@
-"""Large errors that grow in steps: of several assembly modes the one that grows out of the drawing's is found."""
+"""Large errors that grow in steps: of several assembly modes, the one continuous with the drawing's is found."""
 
 from collections.abc import Callable
 from typing import Generic, TypeVar
@@ -20,7 +20,7 @@ def largest_turn(mechanism: ClosedChainMechanism) -> float:
 
 
 def grown(mechanism: ClosedChainMechanism, share: float) -> ClosedChainMechanism:
-    """Return a mechanism with a share of all errors: of the way and of the angle."""
+    """Return a mechanism with a share of all errors: of their translations and of their angles."""
     return mechanism.displaced(
         {
             name: pose.inverse() * pin.SE3(pin.exp3(share * pin.log3(pose.rotation)), share * pose.translation)
@@ -30,7 +30,7 @@ def grown(mechanism: ClosedChainMechanism, share: float) -> ClosedChainMechanism
 
 
 class Shares(Generic[Made]):
-    """What is made of a mechanism with a share of its errors, by the share; the first ``kept``, coarse ones, stay."""
+    """Objects made from a mechanism with a share of its errors, by the share; the first ``kept``, coarse ones, stay."""
 
     def __init__(
         self, mechanism: ClosedChainMechanism, make: Callable[[ClosedChainMechanism], Made], kept: int
@@ -38,7 +38,7 @@ class Shares(Generic[Made]):
         self._mechanism, self._make, self._kept, self._made = mechanism, make, kept, dict[float, Made]()
 
     def __getitem__(self, share: float) -> Made:
-        """Return what is made of a share, 0 to 1."""
+        """Return the object made at a share, 0 to 1."""
         made = self._made.get(share) or self._make(grown(self._mechanism, share))
         if len(self._made) < self._kept:
             self._made[share] = made
@@ -48,8 +48,8 @@ class Shares(Generic[Made]):
 def jumps(moved: FloatArray | float, before: FloatArray | float) -> NDArray[np.bool_] | bool:
     """Return whether a step of growth left the mode that the step before it followed; both in m, or arrays of them.
 
-    A mode that ends in a fold nears its end as the square root of what is missing: of even steps none is more than
-    ``1 + sqrt(2)`` times the one before (with room, because the square root is only the first term). Another mode is
-    further away.
+    A mode that ends in a fold approaches its end as the square root of the remaining share: of even steps none is more
+    than ``1 + sqrt(2)`` times the one before (the limit leaves a margin, because the square root is only the first
+    term). Another mode is further away.
     """
     return (moved > _JUMP * before) & (moved > _JUMP_M)

@@ -3,10 +3,10 @@ r"""The energy whose minimum is the closed pose of an over-constrained mechanism
 .. math:: E(q) = \sum_i \tfrac12 e_i^T K e_i + \tfrac12 \sum_d k_d (q_d - \bar q_d)^2 + V(q)
 
 ``e_i = log6(M_i)``, with :math:`M_i` the pose of frame b in frame a of loop i, in m and rad; K holds the loop's
-translation and rotation stiffness (N/m, Nm/rad); the second sum are drives that yield, and V is gravity. For a
+translation and rotation stiffness (N/m, Nm/rad); the second sum is over drives that yield, and V is gravity. For a
 3d loop, ``e_i`` is the position of frame b in frame a.
 
-First order. Pinocchio's anchor Jacobian is the relative twist seen in frame a, so the residual's Jacobian is
+First order. Pinocchio's anchor Jacobian gives the relative twist seen in frame a, so the residual's Jacobian is
 ``Jlog6(M) Ad(M)^-1 J_anchor``. It differs from the anchor Jacobian as soon as the loop is not exactly closed.
 
 Second order. With :math:`w = J_{log}^T K e` the wrench of a loop and D its relative twist columns in world
@@ -43,7 +43,7 @@ _SERIES_LENGTHS = ((1e-3, 2), (1e-2, 4), (np.inf, 8))
 
 @dataclass(frozen=True)
 class Loads:
-    """What bends the mechanism: weight and yielding drives, by default none. What is no load raises BadInputError."""
+    """Loads on the mechanism: weight and yielding drives, none by default. Invalid ones raise BadInputError."""
 
     gravity: bool = False  # whether the links' weight acts, along -z of the world
     payload_kg: float = 0.0  # mass carried in addition to the URDF's links
@@ -135,7 +135,7 @@ class EnergyState:
 
 @dataclass(frozen=True)
 class TwistColumns:
-    """Twists that displace the tree at some place, in world coordinates, as each loop feels them."""
+    """Twists that displace the tree at some place, in world coordinates, as they act on each loop."""
 
     on_a: FloatArray  # twist of what carries frame a of each loop, zero where it is not displaced, shape (loops, 6, n)
     on_b: FloatArray  # the same for frame b
@@ -149,7 +149,7 @@ def _dual(left: FloatArray, form: FloatArray, right: FloatArray) -> FloatArray:
 
 
 class _Workspace(threading.local):
-    """What an evaluation writes into; each thread that asks has its own."""
+    """Working data of an evaluation; each thread has its own."""
 
     factors: eigenpy.LLT | None = None  # of the Hessian of the last Newton step; Eigen's: nothing to load, no threads
 
@@ -188,7 +188,7 @@ class ClosureEnergy:
 
     @property
     def data(self) -> pin.Data:
-        """Pinocchio's data of the configuration that this thread evaluated last."""
+        """Pinocchio's data at the configuration that this thread evaluated last."""
         return self.workspace.data
 
     @property
@@ -211,7 +211,7 @@ class ClosureEnergy:
         return np.asarray(self.mechanism.coupling[:, self.free_columns])
 
     def evaluate(self, configuration: FloatArray, commanded: FloatArray) -> EnergyState:
-        """Return energy and derivatives at a configuration (nq,); if drives yield, from the commanded one (nq,)."""
+        """Return energy and derivatives at a configuration (nq,); drives yield from the commanded one (nq,)."""
         model, workspace = self.model, self.workspace
         data = workspace.data
         pin.computeJointJacobians(model, data, configuration)
@@ -264,8 +264,8 @@ class ClosureEnergy:
     def gradient_derivative(self, state: EnergyState, columns: TwistColumns | None = None) -> FloatArray:
         """Return how the loops' part of the gradient changes when n twists displace the tree; shape (nv, n).
 
-        By default those of the joints themselves. Valid at the state's configuration, where :meth:`evaluate` was last
-        called. Springs and weight are not in it.
+        By default the twists are those of the joints. Valid at the state's configuration, where :meth:`evaluate` was
+        last called. Springs and weight are not included.
         """
         mask_a, mask_b = self._support
         joints = TwistColumns(self.data.J * mask_a[:, None, :], self.data.J * mask_b[:, None, :], self.joint_depths)
@@ -287,12 +287,12 @@ class ClosureEnergy:
         return np.asarray(change.sum(axis=0))
 
     def residual_change(self, state: EnergyState, columns: TwistColumns) -> FloatArray:
-        """Return how the loops' residual changes when twists displace the tree, (loops * 6, n); valid as the above."""
+        """Return how the loops' residual changes when twists displace the tree, (loops * 6, n); valid as above."""
         body = np.stack([a.oMc2.toActionMatrixInverse() for a in self.workspace.anchors])
         return np.asarray((state.jlog @ body @ (columns.on_b - columns.on_a)).reshape(6 * len(body), -1))
 
     def _relative_curvature(self, state: EnergyState, relative_wrench: FloatArray) -> FloatArray:
-        """Return how each loop's wrench turns with its relative pose, beyond Jlog^T K Jlog; (loops, 6, 6)."""
+        """Return how each loop's wrench changes with its relative pose, beyond Jlog^T K Jlog; (loops, 6, 6)."""
         if all(self._is_3d):  # of these no logarithm is taken
             curvature = np.zeros_like(state.jlog)
         else:

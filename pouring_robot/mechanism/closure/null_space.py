@@ -1,6 +1,6 @@
-"""Equations of motion that leave some freedoms open: solved in what they determine.
+"""Equations of motion that leave some freedoms undetermined: solved in the directions they determine.
 
-A rod between two ball joints spins as it likes, and nothing else feels it. The Hessian of the closure is singular
+A rod between two ball joints can spin freely, without effect on anything else. The Hessian of the closure is singular
 then, but the step that closes the loops, and the motion that an error causes, are determined in all other directions.
 """
 
@@ -20,7 +20,7 @@ _NO_STIFFNESS = 1e-16
 
 
 def unit_scale(matrix: FloatArray) -> FloatArray:
-    """Return the factors that scale a Hessian to a unit diagonal, shape (n,): metres and radians differ by decades."""
+    """Return the factors that scale a Hessian to a unit diagonal, shape (n,): m and rad differ by decades."""
     diagonal = np.abs(np.diagonal(matrix))
     largest = diagonal.max(initial=0.0) or 1.0
     return np.asarray(1.0 / np.sqrt(np.maximum(diagonal, _NO_STIFFNESS * largest)))
@@ -36,7 +36,7 @@ def is_regular(factors: eigenpy.LLT, matrix: FloatArray) -> bool:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Eigenvalues of a symmetric matrix scaled to a unit diagonal, and what they determine."""
+    """Eigenvalues of a symmetric matrix scaled to a unit diagonal, and the directions they determine."""
 
     scale: FloatArray  # factors of the scaling, shape (n,)
     values: FloatArray  # eigenvalues, rising, shape (n,)
@@ -72,15 +72,15 @@ class Spectrum:
         return np.asarray((vectors / self.values[kept]) @ (vectors.T @ right_side))
 
     def left_out(self, right_side: FloatArray) -> FloatArray:
-        """Return how much of each right side (n, m) no solution can answer, shape (m,).
+        """Return how much of each right side (n, m) is outside the range of any solution, shape (m,).
 
-        One is what a unit motion (m or rad) of the stiffest freedom causes.
+        The unit is what a unit motion (m or rad) of the stiffest freedom causes.
         """
         scaled = self.scale.min() * self.scale[:, None] * right_side
         return np.asarray(np.linalg.norm(self.vectors[:, ~self._determined].T @ scaled, axis=0))
 
     @property
     def idle(self) -> FloatArray:
-        """Directions that nothing determines, unit vectors (m and rad), shape (n, k)."""
+        """Undetermined directions, unit vectors (m and rad), shape (n, k)."""
         directions = self.scale[:, None] * self.vectors[:, ~self._determined]
         return np.asarray(directions / np.linalg.norm(directions, axis=0))

@@ -1,4 +1,4 @@
-r"""What placement parameters change at one configuration: twists in the world as the loops feel them, and the weight.
+r"""Effects of placement parameters at one configuration: twists in the world that act on the loops, and weight.
 
 With :math:`V = -\sum_b m_b\, g \cdot c_b`, the gradient by a joint k is :math:`-m\, g \cdot v_k(c)` summed over the
 bodies beyond it, with :math:`v_k(c)` the velocity its twist gives the centre of mass. Displacing a placement p
@@ -19,7 +19,7 @@ from pouring_robot.mechanism.rotations import moved_point
 
 
 class PlacedTwists:
-    """The placement ones among n ``parameters``, whose others are zero here; frames in ``data`` are up to date.
+    """Twists of the placement parameters among n ``parameters``, 0 for the others; frames in ``data`` are current.
 
     Its ``world`` is the twist per unit of each parameter, in world coordinates, shape (6, n). Raises as
     :meth:`ClosedChainMechanism.require_placement`.
@@ -43,12 +43,12 @@ class PlacedTwists:
         self.world[:, columns] = (np.stack(actions)[self._owner[columns]] @ twists[:, :, None])[:, :, 0].T
 
     def carried(self, path: Collection[str]) -> FloatArray:
-        """Return 1 for each parameter that displaces what stands at the end of a path, joints held, else 0; (n,)."""
+        """Return 1 for each parameter that displaces the end of a path with joints held, else 0; (n,)."""
         hangs = np.array([*(joint in path for joint in self._joints), False], dtype=float)
         return np.asarray(hangs[self._owner])
 
     def columns(self) -> TwistColumns:
-        """Return the twists as the loops feel them."""
+        """Return the twists as they act on the loops."""
         mechanism, paths, loops = self._mechanism, self._mechanism.frame_paths, self._mechanism.loops.loops
         depths = np.array([*(len(mechanism.joint_paths[joint]) - 1.0 for joint in self._joints), 0.0])[self._owner]
         shape = (len(loops), 1, len(depths))
@@ -62,7 +62,7 @@ Body = tuple[float, FloatArray, tuple[str, ...]]
 
 
 class Weight:
-    """The weight of the links under the loads of an energy, where joints and frames in its data stand."""
+    """The weight of the links under the loads of an energy, at the poses of joints and frames in its data."""
 
     def __init__(self, energy: ClosureEnergy) -> None:
         self._energy, self._mechanism, self._data = energy, energy.mechanism, energy.data

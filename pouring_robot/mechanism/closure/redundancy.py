@@ -1,17 +1,17 @@
-r"""What redundant drives disagree by: the part of the loops' residual that no pose takes away.
+r"""The disagreement of redundant drives: the part of the loops' residual that no pose removes.
 
 A mechanism with more drives than freedoms closes at the minimum of its energy, where :math:`J_f^T W^2 e = 0` for the
-free joints f (e the loops' residual, W² its stiffness over that of translations). What is left lies in the null space
-of :math:`(W J_f)^T`. The directions of it that the drives move at all, orthonormal columns B, give
+free joints f (e the loops' residual, W² its stiffness over that of translations). The remaining residual lies in the
+null space of :math:`(W J_f)^T`. Those of its directions that the drives move at all, orthonormal columns B, give
 
 .. math:: z = B^T W e \in R^r, \qquad \partial z / \partial p = B^T W\, \partial e / \partial p |_q
 
 in m, r the number of redundant drives. As :math:`|z|^2` is twice the least energy over the stiffness, its derivative is
-exact whatever the residual (envelope theorem): joints give way, but to first order that costs nothing. Where lines or
-legs may turn freely at both ends, z is the least correction of their lengths that closes the loops.
+exact whatever the residual (envelope theorem): joints respond, but to first order this does not change the energy.
+Where lines or legs may turn freely at both ends, z is the least correction of their lengths that closes the loops.
 
-What loops leave open that no drive moves (axes that are not parallel) strains the parts and is seen by no encoder: it
-is not in z.
+Residuals that no drive moves (axes that are not parallel) strain the parts, and no encoder measures them: they are not
+in z.
 """
 
 from collections.abc import Sequence
@@ -28,14 +28,15 @@ from pouring_robot.mechanism.closure.solver import LEAST_SINGULAR_VALUE, Closure
 from pouring_robot.mechanism.local_parameters import DriveParameter, LocalParameter
 
 _MOVES = 1e-6
-"""m of gap per m or rad of a drive: below, no drive moves a direction."""
+"""m of gap per m or rad of a drive; with less, no drive moves a direction."""
 
 
 def redundant_drives(mechanism: ClosedChainMechanism) -> int:
-    """Return by how many drives outnumber their freedoms: 0 unless the robot file says so, or BadInputError if none.
+    """Return how many drives exceed the freedoms: 0 unless the robot file states redundancy; BadInputError if none do.
 
-    That is in how many ways drives open loops that no passive joint closes, in any pose of the tree but a special one.
-    Of the drawing, in which a plane mechanism is plane: what is built a little off it strains its parts.
+    That is the number of ways in which drives open loops that no passive joint closes, in any pose of the tree but
+    special ones. It is counted on the drawing, in which a planar mechanism is planar: one built slightly off it strains
+    its parts.
     """
     if not mechanism.loops.redundant_drives:
         return 0
@@ -63,7 +64,7 @@ def _outnumbering(mechanism: ClosedChainMechanism) -> int:
 
 
 def _opening(solver: ClosureSolver, configuration: FloatArray) -> tuple[EnergyState, FloatArray]:
-    """Return the energy's state at a configuration (nq,), and how joints open the loops, weighted, (6 loops, nv)."""
+    """Return the energy's state at a configuration (nq,), and the weighted Jacobian of the loops, (6 loops, nv)."""
     energy = solver.energy
     state = energy.evaluate(configuration, configuration)
     return state, _weight(solver) * state.jacobian.reshape(-1, energy.model.nv)
@@ -76,13 +77,13 @@ def _weight(solver: ClosureSolver) -> FloatArray:
 def disagreement(
     solver: ClosureSolver, result: ClosureResult, count: int, parameters: Sequence[LocalParameter] = ()
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what redundant drives disagree by, shape (r,), and its derivative by parameters, shape (r, P), in m.
+    """Return the disagreement of redundant drives, shape (r,), and its derivative by parameters, shape (r, P), in m.
 
-    ``result`` is a closure of the solver without loads; ``count`` is r, as :func:`redundant_drives` has it; the
-    parameters are of placements and drives.
+    ``result`` is a closure of the solver without loads; ``count`` is r, from :func:`redundant_drives`; the parameters
+    are of placements and drives.
 
     Raises:
-        BadInputError: the drives are not redundant as the robot file says.
+        BadInputError: the drives are not as redundant as the robot file states.
     """
     mechanism, energy, weight = solver.mechanism, solver.energy, _weight(solver)
     state, rows = _opening(solver, result.configuration)
@@ -104,7 +105,7 @@ def disagreement(
 
 
 def _oriented(basis: FloatArray, driven: FloatArray) -> FloatArray:
-    """Return the basis turned so that rows that are alike get bases alike: towards a fixed answer to the drives.
+    """Return the basis rotated towards a fixed response to the drives, so that similar rows get similar bases.
 
     The first direction is the one in which all drives pull together, as lines in tension do.
     """

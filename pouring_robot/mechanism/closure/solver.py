@@ -1,8 +1,8 @@
 r"""Closing the loops: damped Newton on the closure energy, symmetric in the chains.
 
-Four UPU chains over-constrain the platform: any axis error makes rigid closure impossible. The answer is the minimum of
-:math:`\sum_i \tfrac12 e_i^T K e_i`, what is open in each loop, with yielding drives and gravity where there are any
-(:mod:`~.energy`). What is left open there is part of the result: parts would be forced together.
+Four UPU chains over-constrain the platform: any axis error makes rigid closure impossible. The solution is the minimum
+of :math:`\sum_i \tfrac12 e_i^T K e_i` over the loops' residuals, with yielding drives and gravity where there are any
+(:mod:`~.energy`). The residuals that remain are part of the result: parts would be forced together.
 """
 
 import functools
@@ -35,7 +35,7 @@ _IDLE_SHARE = 1e-6
 
 @dataclass(frozen=True)
 class ClosureOptions:
-    """When a closure counts as found; what is no number from 0 on raises BadInputError."""
+    """When a closure counts as found; a value that is not a number of 0 or more raises BadInputError."""
 
     step_tolerance: float = 1e-7  # largest component of the last Newton step, in m or rad
     left_over: float = 3e-14  # what it may leave, in m or rad: its length times the share by which steps shrink
@@ -63,12 +63,12 @@ class ClosureOptions:
                 raise BadInputError(said)
 
     def growth_passes(self, steps: int) -> list[tuple[int, int]]:
-        """Return in how many steps errors grow, finer in turn, and how many Newton steps each may take to be smooth."""
+        """Return in how many steps errors grow, ever finer, and how many Newton steps each may take to be smooth."""
         *first, finest = self.refinements
         return [(steps * finer, self.smooth_below) for finer in first] + [(steps * finest, self.max_iterations)]
 
     def growth_steps(self, turns: FloatArray | float) -> NDArray[np.int64]:
-        """Return in how many steps errors of these angles (rad) grow."""
+        """Return the numbers of steps in which errors of these angles (rad) grow."""
         steps = np.clip(np.ceil(np.asarray(turns) / self.growth_step), 1, self.most_steps).astype(np.int64)
         return np.where(np.asarray(turns) > self.one_go, steps, 1)
 
@@ -105,7 +105,7 @@ class ClosureResult(ReadOnly, Result):
         )
 
     def _table(self) -> Any:
-        """One row a loop: what is left open in m and rad, and the wrench it carries in N and Nm."""
+        """One row a loop: its residual in m and rad, and the wrench it carries in N and Nm."""
         parts = (self.residual, {"{}_m": 0, "r{}_rad": 3}), (self.internal_wrench, {"f{}_N": 0, "t{}_Nm": 3})
         table: dict[str, Any] = {"loop": self.mechanism.loops.names}
         for array, columns in parts:
@@ -113,7 +113,7 @@ class ClosureResult(ReadOnly, Result):
         return table
 
     def within(self, options: ClosureOptions) -> Self:
-        """Return the same; raises ClosureError where a loop is open further than options allow."""
+        """Return the result itself; raises ClosureError where a loop is open further than options allow."""
         most_m, most_rad, reason = options.max_gap_m, options.max_gap_rad, "the parts do not fit together"
         if self.mechanism.loops.redundant_drives:
             most_m, most_rad, reason = options.most_disagreement_m, np.inf, "the drives disagree"
@@ -152,13 +152,13 @@ class ClosureResult(ReadOnly, Result):
         return int(np.linalg.matrix_rank(self._loop_rows(self.mechanism.closing_columns), LEAST_SINGULAR_VALUE))
 
     def _loop_rows(self, columns: Indices) -> FloatArray:
-        """Return how the loops open with the given velocity columns and what follows them; (6 loops, columns)."""
+        """Return the Jacobian of the loops by the given velocity columns and their followers; (6 loops, columns)."""
         rows = self.jacobian.reshape(-1, self.jacobian.shape[2])
         return np.asarray(rows @ self.mechanism.coupling[:, columns])
 
     @property
     def freedoms(self) -> int:
-        """Freedoms left to the closed mechanism, were its loops rigid."""
+        """Freedoms of the closed mechanism if its loops were rigid."""
         return int(self.mechanism.closing_columns.size) - self.rank
 
     @functools.cached_property
@@ -205,14 +205,14 @@ class ClosureSolver:
         self._smaller = Shares(mechanism, functools.partial(ClosureEnergy, loads=loads), options.most_steps)
 
     def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
-        """Pickle as what it was made of: Pinocchio's constraints cannot be pickled."""
+        """Pickle the arguments it was made from: Pinocchio's constraints cannot be pickled."""
         return type(self), (self.mechanism, self.energy.loads, self.options)
 
     def solve(self, drives: Mapping[str, float], start: FloatArray) -> ClosureResult:
-        """Close the loops for drives, in m or rad, from a configuration (nq,) that says all else, locked joints too.
+        """Close the loops for drives, in m or rad, from a configuration (nq,), which also holds the locked joints.
 
         Raises:
-            UnknownJointError: a name is no joint.
+            UnknownJointError: a name is not that of a joint.
             BadInputError: a value is not finite.
             ClosureError: the loops stay open, or Newton does not converge.
         """
@@ -228,7 +228,7 @@ class ClosureSolver:
         return self.solve({}, configuration)
 
     def result_at(self, configuration: FloatArray) -> ClosureResult:
-        """Return what holds at a configuration, shape (nq,), that is known to be closed with drives at command."""
+        """Return the result at a configuration, shape (nq,), that is known to be closed with drives at command."""
         return self._result(self.energy.evaluate(configuration, configuration), configuration, 0)
 
     def _result(self, state: EnergyState, commanded: FloatArray, iterations: int) -> ClosureResult:
@@ -259,7 +259,7 @@ class ClosureSolver:
         raise _failure(mechanism, reason, state.residual, spent, MODE_ENDS)
 
     def _followed(self, commanded: FloatArray, steps: int, smooth: int) -> tuple[EnergyState, int, float]:
-        """Follow the mode of the drawing while errors grow; return where it ends, Newton steps, and at what share."""
+        """Follow the mode of the drawing while errors grow; return its last state, Newton steps and share."""
         energy = self._smaller[0.0]
         state, spent = self._minimise(energy, energy.evaluate(commanded, commanded), commanded)
         place, moved = self._place(state), np.inf
@@ -277,7 +277,7 @@ class ClosureSolver:
         return state, spent, 1.0
 
     def _place(self, state: EnergyState) -> FloatArray:
-        """Return where the end frame is, in m, (3,); of a mechanism without one, the configuration."""
+        """Return the end frame's position, in m, (3,); of a mechanism without one, the configuration."""
         mechanism = self.mechanism
         if mechanism.loops.end_frame is None:
             return state.configuration
@@ -285,12 +285,12 @@ class ClosureSolver:
 
     @np.errstate(over="ignore", invalid="ignore")  # a step too far, from which it goes back
     def _minimise(self, energy: ClosureEnergy, state: EnergyState, commanded: FloatArray) -> tuple[EnergyState, int]:
-        """Run Newton: Gauss-Newton far away, the exact Hessian where residuals stay, a watchdog over both.
+        """Run Newton: Gauss-Newton far away, the exact Hessian where residuals remain, a watchdog over both.
 
-        The energy is a curved valley, stiff across and soft along, so a good step along it first climbs the wall.
-        One step may therefore end higher than the best one so far (watchdog technique: Chamberlain, Powell,
-        Lemarechal and Pedersen, Math. Programming Study 16, 1982); if the next does not fall below it, the search
-        returns to the best state and shortens its step by Levenberg's term.
+        The energy is a curved valley, stiff across and soft along, so a good step along it first climbs its wall. One
+        step may therefore end higher than the best one so far (watchdog technique: Chamberlain, Powell, Lemarechal and
+        Pedersen, Math. Programming Study 16, 1982); if the next does not fall below it, the search returns to the best
+        state and shortens its step by Levenberg's term.
         """
         options, best, forced = self.options, state, energy.loads.gravity
         if not energy.free_columns.size:  # the drives alone say where everything is
