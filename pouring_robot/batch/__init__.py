@@ -1,6 +1,6 @@
 """Closures and error-transfer matrices of many samples at once: the mathematics of :mod:`pouring_robot.mechanism`.
 
-``CompiledEngine(mechanism)`` takes arrays and gives arrays; compiled kernels do the work, on all cores.
+``CompiledEngine(mechanism)`` takes and returns arrays; compiled kernels compute them on all cores.
 """
 
 import lazy_loader

@@ -1,8 +1,8 @@
-"""The batch engine of stars and serial arms: closures and transfer matrices of many samples at once, on all cores.
+"""The batch engine for stars and serial arms: closures and transfer matrices of many samples at once, on all cores.
 
-It solves what ``closure.ClosureSolver`` solves, without loads, on arrays read from the same Pinocchio model; a serial
-arm's closure is its forward kinematics. A sample that has no answer says so by its status and holds NaN; nothing is
-left out in silence.
+It solves the same problem as ``closure.ClosureSolver``, without loads, on arrays read from the same Pinocchio model; a
+serial arm's closure is its forward kinematics. A sample without an answer holds NaN and has a status that says why;
+none is left out silently.
 """
 
 import os
@@ -31,10 +31,10 @@ _SAMPLES_AT_A_TIME = 512
 
 
 class CompiledEngine(Engine):
-    """Closes a star mechanism, or places a serial arm, for many samples. Safe to use from several threads.
+    """Closes a star mechanism, or computes a serial arm's pose, for many samples. Safe to use from several threads.
 
-    Its own threads, by default one a core, change no result. Raises UnsupportedMechanismError where the mechanism is no
-    star of serial chains, BadInputError where the number of threads is not positive.
+    Results do not depend on the number of its threads, by default one a core. Raises UnsupportedMechanismError where
+    the mechanism is not a star of serial chains, BadInputError where the number of threads is not positive.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class CompiledEngine(Engine):
     def _closed(self, drives: FloatArray, start: BatchStart, placed: SiteErrors) -> BatchClosure:
         """Close every sample; large errors grow in steps, from none, as in ``closure.ClosureSolver``.
 
-        Of a serial arm's start nothing but the locked joints counts.
+        Of a serial arm's start only the locked joints count.
         """
         shaped(start.joints, (len(start), *self.structure.star.revolute.shape), "the start's joints")
         for i, names in enumerate(self.structure.joint_names):
@@ -80,7 +80,7 @@ class CompiledEngine(Engine):
     def _followed(
         self, drives: FloatArray, start: BatchStart, placed: SiteErrors, steps: int, smooth: int
     ) -> BatchClosure:
-        """Follow the drawing's mode while errors grow; samples that turn away from it get the status that says so."""
+        """Follow the drawing's mode while errors grow; samples that leave it get the status for that."""
         result = self._empty_for(start)
         spent, rows = np.zeros(len(start), dtype=np.int64), np.arange(len(start))
         before = np.full(len(start), np.inf)
@@ -111,9 +111,9 @@ class CompiledEngine(Engine):
         chain: IntArray | None = None,
         star: Star | None = None,
     ) -> BatchClosure:
-        """Close every sample straight from its start, or carry the end frame by one ``chain`` each, (n,).
+        """Close every sample directly from its start, or carry the end frame by one ``chain`` each, (n,).
 
-        Loops may stay open by so much (m, rad), or as options say; a ``star`` stands in for the mechanism's own.
+        Loops may stay open by ``most_open`` (m, rad), or as options say; a ``star`` replaces the mechanism's own.
         """
         result, samples, drives = self._empty_for(start), _samples(start, placed), fixed(drives)
         written = Closures(*(getattr(result, name) for name in Closures._fields))
@@ -134,7 +134,7 @@ class CompiledEngine(Engine):
     ) -> BatchClosure:
         """Carry the end frame by one open chain of each sample, (n,) from 0; all joints but the drives are held.
 
-        Its loops count as closed; the other arguments and what is raised are those of :meth:`close`.
+        Its loops count as closed; the other arguments and the errors raised are those of :meth:`close`.
         """
         count, (chains, joints) = len(start), self.structure.star.revolute.shape
         drives = shaped(drives, (count, len(self.structure.mechanism.loops.drives)), "'drives'")
@@ -163,7 +163,7 @@ class CompiledEngine(Engine):
     ) -> BatchTransfer:
         """Return G of open branches: each column moves the platform as its own chain alone would carry it.
 
-        Joints (n, chains, joints), in m and rad, are held; parameters, errors and what is raised as :meth:`transfer`.
+        Joints (n, chains, joints), in m and rad, are held; parameters, errors and exceptions as in :meth:`transfer`.
         """
         count = len(joints)
         joints = shaped(joints, (count, *self.structure.star.revolute.shape), "'joints'")
@@ -174,7 +174,7 @@ class CompiledEngine(Engine):
     def _of_kernel(
         self, kernel: Callable[..., None], status: ByteArray, chosen: tuple[GeometricParameter, ...], samples: Samples
     ) -> BatchTransfer:
-        """Return what a kernel says of G; samples that are not closed keep their status."""
+        """Return G as computed by a kernel; samples that are not closed keep their status."""
         matrix, found = np.empty((len(status), len(chosen), 6)), np.empty_like(status)
         self._share(len(status), kernel, samples, self._columns(chosen), matrix, found)
         return BatchTransfer(chosen, np.swapaxes(matrix, 1, 2), np.where(status == CLOSED, found, status))
@@ -202,7 +202,7 @@ class CompiledEngine(Engine):
         return Columns(fixed(start, np.int64), fixed(order, np.int64), fixed(twists), fixed(drives, np.int64))
 
     def _share(self, count: int, kernel: Callable[..., None], *arguments: Any, star: Star | None = None) -> None:
-        """Run a kernel over ranges of samples on the threads; the ranges do not depend on how many there are."""
+        """Run a kernel over ranges of samples on the threads; the ranges do not depend on the number of threads."""
         own = star or self.structure.star
 
         def run(first: int) -> None:

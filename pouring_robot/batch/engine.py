@@ -1,4 +1,4 @@
-"""Which engine a mechanism gets: the compiled one if it is a star of serial chains or a serial arm, else row by row."""
+"""The choice of engine: the compiled one for a star of serial chains or a serial arm, else the one row by row."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from pouring_robot.mechanism.closure.solver import DEFAULT_OPTIONS, ClosureOptio
 def engine_for(
     mechanism: ClosedChainMechanism, threads: int | None = None, options: ClosureOptions = DEFAULT_OPTIONS
 ) -> Engine:
-    """Return the fastest engine that takes a mechanism; results do not depend on it. Raises as the engines do."""
+    """Return the fastest engine for a mechanism; results do not depend on the choice. Raises as the engines do."""
     if mechanism.loops.redundant_drives:
         return GeneralEngine(mechanism, options)
     try:
@@ -24,9 +24,9 @@ def engine_for(
 
 
 def seen_from_rest(engine: Engine, closed: BatchClosure) -> tuple[Engine, BatchClosure]:
-    """Return closures, and what gives their transfer, seen from what no joint moves, where weight pulls one way only.
+    """Return an engine and closures seen from a fixed frame, in which weight has one direction.
 
-    That is the base, or, if it moves as a table under a tool does, the root of the tree.
+    That frame is the base or, if the base moves, such as a table under a tool, the root of the tree.
     """
     mechanism = engine.structure.mechanism
     carriers = mechanism.frame_paths[mechanism.loops.base_frame]

@@ -1,4 +1,4 @@
-"""What every batch engine offers, whatever the robot's topology."""
+"""The interface of all batch engines, for any topology of the robot."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -20,14 +20,14 @@ from pouring_robot.mechanism.local_parameters import (
 
 
 class Engine(ABC):
-    """Closures and transfer matrices of many samples. Which engine does it changes nothing but the time it takes."""
+    """Closures and transfer matrices of many samples. Engines differ in speed only, not in results."""
 
     structure: Structure  # the mechanism and its sites
     options: ClosureOptions  # when a closure counts as found
 
     @property
     def parameters(self) -> tuple[PlacementParameter, ...]:
-        """All placement parameters, six a site that is used, in the order of the columns of placement errors."""
+        """All placement parameters, six for each site used, in the order of the columns of placement errors."""
         return placement_parameters(self.structure.placed_joints)
 
     def start_at(self, configurations: FloatArray) -> BatchStart:
@@ -65,8 +65,8 @@ class Engine(ABC):
     ) -> BatchTransfer:
         """Return the closed chain's G, exact at any residual (default: of all placement parameters).
 
-        Samples that failed give NaN and keep their status; ``errors`` are those that the others were closed with.
-        Raises UnknownJointError where the engine does not displace a joint, BadInputError for what else does not fit.
+        Samples that failed give NaN and keep their status; ``errors`` are those with which the others were closed.
+        Raises UnknownJointError where the engine does not displace a joint, BadInputError for any other misfit.
         """
         placed = SiteErrors.take(errors, len(closed), self.structure.site_count)
         return self._transfer(closed, self._chosen(parameters), placed)
@@ -77,7 +77,7 @@ class Engine(ABC):
     ) -> BatchTransfer: ...
 
     def _chosen(self, parameters: Sequence[LocalParameter] | None) -> tuple[GeometricParameter, ...]:
-        """Return the columns of G that are wanted."""
+        """Return the requested columns of G."""
         chosen: list[GeometricParameter] = []
         for parameter in self.parameters if parameters is None else parameters:
             if not isinstance(parameter, PlacementParameter | DriveParameter):

@@ -1,4 +1,4 @@
-"""What goes into the batch engine and what comes out: arrays with their meaning."""
+"""Inputs and outputs of the batch engines: arrays with their meaning."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pouring_robot.mechanism.local_parameters import LocalParameter
 
 @dataclass(frozen=True, eq=False)
 class BatchStart:
-    """Where closures start; what an engine does not need may be NaN. Misfits raise BadInputError."""
+    """Starts of closures; values that an engine does not need may be NaN. Wrong shapes raise BadInputError."""
 
     position: FloatArray  # origin of the end frame in the base frame, in m, shape (n, 3)
     rotation: FloatArray  # axes of the end frame in the base frame, shape (n, 3, 3)
@@ -43,7 +43,7 @@ class BatchStart:
         return BatchStart(self.position[samples], self.rotation[samples], self.joints[samples])
 
     def replaced(self, samples: IntArray, closed: BatchClosure) -> BatchStart:
-        """Return the starts with some samples where they closed; those that did not stay as they are."""
+        """Return the starts with some samples moved to where they closed; those that did not close stay."""
         arrays = self.position.copy(), self.rotation.copy(), self.joints.copy()
         for array, new in zip(arrays, (closed.position, closed.rotation, closed.joints), strict=True):
             array[samples[closed.closed]] = new[closed.closed]
@@ -95,7 +95,7 @@ class SiteErrors:
 
     @classmethod
     def take(cls, errors: SiteErrors | FloatArray | None, count: int, sites: int) -> SiteErrors:
-        """Return what kernels take for ``count`` samples from what engines accept; raises BadInputError for misfits."""
+        """Return the errors of ``count`` samples as kernels take them; raises BadInputError if they do not fit."""
         nothing = np.zeros(0, dtype=np.int64)
         if errors is None:
             return cls(np.zeros((0, sites, 6)), nothing)
@@ -133,7 +133,7 @@ class BatchClosure:
 
     @classmethod
     def empty(cls, count: int, joints: tuple[int, ...], loops: int, redundant: int = 0) -> BatchClosure:
-        """Return room for ``count`` samples with joints of that shape, so many loops and redundant drives."""
+        """Return arrays for ``count`` samples with joints of that shape and that many loops and redundant drives."""
         shapes = (3,), (3, 3), joints, (loops, 6), (redundant,)
         position, rotation, values, residual, apart = (np.full((count, *shape), np.nan) for shape in shapes)
         iterations, status = np.zeros(count, dtype=np.int32), np.zeros(count, dtype=np.uint8)
@@ -148,18 +148,18 @@ class BatchClosure:
         return np.asarray(self.status == CLOSED)
 
     def put(self, samples: IntArray, others: BatchClosure) -> None:
-        """Put others in the place of some samples."""
+        """Replace some samples by others."""
         for name in (one.name for one in fields(self)):
             getattr(self, name)[samples] = getattr(others, name)
 
     def refuse(self, samples: NDArray[np.bool_], status: int) -> None:
-        """Take the poses of some samples away, and give them a status."""
+        """Remove the poses of some samples, and set their status."""
         for array in (self.position, self.rotation, self.joints, self.residual):
             array[samples] = np.nan
         self.status[samples] = status
 
     def require_all(self) -> BatchClosure:
-        """Return the same if every sample is closed; raises BatchClosureError with their numbers by status."""
+        """Return the same if every sample is closed; raises BatchClosureError with the number of failures by status."""
         failed = np.flatnonzero(self.status)
         if failed.size:
             counts = np.bincount(self.status[failed], minlength=len(STATUS_NAMES))
@@ -186,7 +186,7 @@ class BatchTransfer(ReadOnly):
 
 
 def shaped(array: FloatArray, shape: tuple[int, ...], name: str) -> FloatArray:
-    """Return an array as the kernels take it; raises BadInputError where it has another shape."""
+    """Return an array in the form the kernels take; raises BadInputError where it has another shape."""
     array = fixed(array)
     if array.shape != shape:
         raise BadInputError(f"{name} must have the shape {shape}, not {array.shape}")

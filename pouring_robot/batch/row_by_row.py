@@ -1,6 +1,6 @@
-"""The engine of any mechanism, row by row with Pinocchio: any loops, joints of several freedoms, shared joints.
+"""The engine for any mechanism, row by row with Pinocchio: any loops, joints of several freedoms, shared joints.
 
-It gives what the one-at-a-time solver and G give, and is as fast as they are.
+Its results and its speed are those of the solver and the G of single poses.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ from pouring_robot.mechanism.transfer import closed_chain_transfer
 
 
 class GeneralEngine(Engine):
-    """Closes any mechanism, sample by sample; raises BadInputError where it names no end frame."""
+    """Closes any mechanism, sample by sample; raises BadInputError where the loops file names no end frame."""
 
     def __init__(self, mechanism: ClosedChainMechanism, options: ClosureOptions = DEFAULT_OPTIONS) -> None:
         if mechanism.loops.end_frame is None:
@@ -76,7 +76,7 @@ class GeneralEngine(Engine):
 def _solvers(
     structure: Structure, placed: SiteErrors, options: ClosureOptions
 ) -> Callable[[int], ClosureSolver | None]:
-    """Return what gives the solver of a sample by its number: None where an error of it is not a finite number."""
+    """Return a function that returns the solver of a sample by number: None where one of its errors is not finite."""
 
     def displaced(joints: tuple[str, ...], errors: FloatArray) -> ClosureSolver | None:
         if not np.isfinite(errors).all():
@@ -93,7 +93,7 @@ def _solvers(
 
 
 def _site_joints(mechanism: ClosedChainMechanism) -> tuple[str, ...]:
-    """Return the moving joints that some but not all of base, end and loop frames hang on, then the loops' seats."""
+    """Return the moving joints that carry some but not all of base, end and loop frames, then the loops' seats."""
     model, loops, paths = mechanism.shared_model, mechanism.loops, mechanism.frame_paths
     ends = (loops.base_frame, str(loops.end_frame), *loops.loop_frames)
     every = dict.fromkeys(name for end in ends for name in paths[end])

@@ -1,4 +1,4 @@
-"""Closed poses to start from where nobody knows inverse kinematics: followed from a closed home."""
+"""Closed poses as starts where the inverse kinematics is unknown: followed from a closed home."""
 
 from collections.abc import Mapping
 
@@ -20,10 +20,10 @@ def closed_home(
 ) -> ClosureResult:
     """Return a closed configuration at or near given joint values, by name in m or rad; others start at zero.
 
-    Drives stand where ``home`` says; where the loops do not close so, drives that are not named give way.
+    Drives have the values of ``home``; where the loops do not close with these, drives that are not named may move.
 
     Raises:
-        UnknownJointError: a name is no joint.
+        UnknownJointError: a name is not that of a joint.
         BadInputError: a value is not finite, or a named joint has several freedoms.
         ClosureError: the mechanism does not close there.
     """
@@ -42,7 +42,7 @@ def closed_home(
 class HomotopyStarts:
     """Closed poses for any drive values, followed from one closed home in even steps, all samples at once.
 
-    The last step may have an engine of its own, ``last``, that asks for more than those on the way. Raises as
+    The last step may have an engine of its own, ``last``, with stricter options than those on the way. Raises as
     :func:`closed_home`.
     """
 

@@ -1,9 +1,9 @@
 """The geometry of a mechanism as plain arrays, for the compiled kernels.
 
-A star: serial chains of one-freedom joints start on one body and end on one common free body. A serial arm is a star
+In a star, serial chains of one-freedom joints start on one body and end on one common free body. A serial arm is a star
 of one chain whose joints are all driven or locked: the body at its tip follows. Everything is read from the mechanism's
-Pinocchio model. Each joint frame is turned so that the joint's axis is its z axis; the turn is folded into the
-placements on both sides, so a kernel needs to know one kind of revolute and one of prismatic joint.
+Pinocchio model. Each joint frame is turned so that the joint's axis is its z axis; the turn is absorbed into the
+placements on both sides, so kernels need only one kind of revolute and one of prismatic joint.
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ _FREE_BODY_FREEDOMS = 6
 
 
 class Star(NamedTuple):
-    """What the kernels see. C chains of at most J joints, at most P passive ones each.
+    """A star as arrays for the kernels: C chains of at most J joints, with at most P passive ones each.
 
-    Shorter chains end in joints that do nothing. Nothing here but arrays: one compilation of a kernel fits all stars.
+    Shorter chains are padded with joints that do nothing. As all fields are arrays, a kernel compiled once fits all
+    stars.
     """
 
     placements: FloatArray  # row-major rotation and translation of J joint placements, tip and seat, (C, J + 2, 12)
@@ -45,9 +46,9 @@ class Star(NamedTuple):
 
 @dataclass(frozen=True)
 class Structure:
-    """Where samples may displace a mechanism, its sites, one a joint placement; and what an engine's joints are.
+    """The sites, one a joint placement, where samples may displace a mechanism; and the form of an engine's joints.
 
-    Those of the general engine are Pinocchio's configurations themselves.
+    Joints of the general engine are Pinocchio's configurations themselves.
     """
 
     mechanism: ClosedChainMechanism  # that the samples displace
@@ -60,11 +61,11 @@ class Structure:
 
     @property
     def placed_joints(self) -> tuple[str, ...]:
-        """The joints whose placements make the pose: those of the sites that are used."""
+        """The joints whose placements determine the pose: those of the sites used."""
         return tuple(filter(None, self.site_joints))
 
     def joints(self, configurations: FloatArray) -> FloatArray:
-        """Return the engine's joints, n first, from Pinocchio configurations (n, nq)."""
+        """Return the engine's joints, (n, ...), from Pinocchio configurations (n, nq)."""
         return configurations
 
     def joint_values(self, joints: FloatArray) -> dict[str, FloatArray]:
@@ -72,11 +73,11 @@ class Structure:
         return self.mechanism.joint_courses(joints)
 
     def configurations(self, joints: FloatArray) -> FloatArray:
-        """Return Pinocchio configurations (n, nq) that hold the engine's joints, with which the loops close."""
+        """Return Pinocchio configurations (n, nq) with the engine's joints, with which the loops close."""
         return joints
 
     def site(self, joint: str) -> int:
-        """Return the number of the site that displaces a joint; raises UnknownJointError where none does."""
+        """Return the number of the site that displaces a joint; raises UnknownJointError if none does."""
         if joint not in self.placed_joints:
             raise UnknownJointError(joint, self.placed_joints)
         return self.site_joints.index(joint)
@@ -91,7 +92,7 @@ class StarStructure(Structure):
 
     @classmethod
     def from_mechanism(cls, mechanism: ClosedChainMechanism) -> StarStructure:
-        """Read a mechanism; raises UnsupportedMechanismError where the mechanism is no star."""
+        """Read a mechanism; raises UnsupportedMechanismError where the mechanism is not a star."""
         chains = _chains(mechanism)
         every = {j for chain in chains for j in chain.joints}
         for mimic in mechanism.mimics:
@@ -123,11 +124,11 @@ class StarStructure(Structure):
         return cls(mechanism, sum(sites, ()), star, names)
 
     def __reduce__(self) -> tuple[Callable[[ClosedChainMechanism], StarStructure], tuple[ClosedChainMechanism]]:
-        """Pickle as the mechanism, of which the arrays are read anew: pickled ones would come back writable."""
+        """Pickle as the mechanism, from which the arrays are read again: pickled arrays would become writable."""
         return StarStructure.from_mechanism, (self.mechanism,)
 
     def displaced_star(self, mechanism: ClosedChainMechanism) -> Star:
-        """Return the star of the mechanism with its joints elsewhere: roles and axes in their own frames stay."""
+        """Return the star of the mechanism with displaced joints: roles, and axes in their own frames, stay."""
         chains, joints = self.star.revolute.shape
         axes = self.star.site_axes.reshape(chains, joints + 1, 3, 3)
         return self.star._replace(placements=_placements(mechanism, _chains(mechanism), axes))
@@ -138,7 +139,7 @@ class StarStructure(Structure):
         return not self.mechanism.anchors
 
     def joints(self, configurations: FloatArray) -> FloatArray:
-        """Return joints by chain (n, chains, joints), as the base class; behind the last of a chain stands 0."""
+        """Return joints by chain (n, chains, joints), as the base class; shorter chains are padded with 0."""
         values = self.mechanism.joint_courses(configurations)
         joints = np.zeros((len(configurations), *self.star.revolute.shape))
         for i, names in enumerate(self.joint_names):
@@ -151,7 +152,7 @@ class StarStructure(Structure):
         return {name: joints[:, i, k] for i, names in enumerate(self.joint_names) for k, name in enumerate(names)}
 
     def configurations(self, joints: FloatArray) -> FloatArray:
-        """Return configurations as the base class; the free body stands at zero, the loops put it where it is."""
+        """Return configurations as the base class; the free body is at zero, as the loops determine its pose."""
         mechanism, values = self.mechanism, self.joint_values(joints)
         neutral = mechanism.neutral_configuration()
         rows = (dict(zip(values, row, strict=True)) for row in np.transpose(list(values.values())).tolist())
@@ -160,7 +161,7 @@ class StarStructure(Structure):
 
 
 def fixed(array: ArrayLike, kind: type[np.float64] | type[np.int64] | type[np.bool_] = np.float64) -> NDArray[Any]:
-    """Return a read-only contiguous view, or a copy where needed: kernels are compiled for that one kind of array."""
+    """Return a read-only contiguous view, or a copy where needed: kernels are compiled for this kind of array only."""
     view = np.require(array, kind, ["C", "A"]).view()
     view.setflags(write=False)
     return view
@@ -275,7 +276,7 @@ def _roles(mechanism: ClosedChainMechanism, chains: list[list[int]]) -> tuple[In
 
 
 def _turns(mechanism: ClosedChainMechanism, chain: list[int]) -> tuple[FloatArray, BoolArray]:
-    """Return for each joint a rotation that puts z on its axis, shape (joints, 3, 3), and whether it is revolute."""
+    """Return for each joint a rotation that turns z onto its axis, shape (joints, 3, 3), and whether it is revolute."""
     turns, revolute, names = [], [], mechanism.shared_model.names
     for j, twist in zip(chain, mechanism.joint_axes(chain), strict=True):
         if not twist.any():  # its axis has no length
@@ -290,9 +291,10 @@ def _end_frame(mechanism: ClosedChainMechanism) -> int:
 
 
 def seat_joints(mechanism: ClosedChainMechanism, loop: int) -> tuple[str, ...]:
-    """Return the fixed joints that carry the frames of a loop, frame b's first, and whose places count.
+    """Return the fixed joints that carry the frames of a loop and whose placements count, frame b's first.
 
-    Closed in all directions, frame a moves as frame b moves back, so one of the two says it; of a point each counts.
+    In a loop closed in all directions, displacing frame a is the inverse of displacing frame b, so one of the two
+    suffices; in one closed at a point both count.
     """
     one = mechanism.loops.loops[loop]
     carriers = (_fixed_joint(mechanism, frame) for frame in (one.frame_b, one.frame_a))
@@ -301,7 +303,7 @@ def seat_joints(mechanism: ClosedChainMechanism, loop: int) -> tuple[str, ...]:
 
 
 def _fixed_joint(mechanism: ClosedChainMechanism, name: str) -> str:
-    """Return the fixed joint that carries a frame, or nothing where none does."""
+    """Return the fixed joint that carries a frame, or "" where none does."""
     model = mechanism.shared_model
     frame = model.frames[mechanism.frame_id(name)]
     carrier = frame if frame.type == pin.FrameType.FIXED_JOINT else model.frames[frame.parentFrame]

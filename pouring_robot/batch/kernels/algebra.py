@@ -12,7 +12,7 @@ A loop's residual is ``e = log6(M) = (v, w)`` with :math:`v = V(w)^{-1} t`, its 
 .. math:: f = k_t A^T v, \qquad
           \tau = k_r w + k_t [\,c\, v \times (w \times v) + 2 c' (w \cdot v)\, w \times (w \times v)\,].
 
-All of it is isotropic: turning v and w into other axes turns the result. So the kernels work in base axes.
+All of this is isotropic: rotating v and w rotates the result. So the kernels work in base axes.
 Rotations are tuples of nine numbers, row by row. Nothing here allocates.
 """
 
@@ -153,7 +153,7 @@ def turn_between(a: Rotation, b: Rotation) -> Triple:
 def log_coefficients(x: float) -> tuple[float, float, float]:
     """Return c(x) and its first and second derivative by x, for x = |w|^2.
 
-    Above half a radian the second derivative is that of the cut series; it only steers Newton's steps there.
+    Above half a radian the second derivative is that of the truncated series; it only affects Newton's steps there.
     """
     second = 2 * _B2 + x * (6 * _B3 + x * (12 * _B4 + x * (20 * _B5 + x * (30 * _B6 + x * 42 * _B7))))
     if x < _SERIES_BELOW:
@@ -182,8 +182,8 @@ def residual_wrench(v: Triple, w: Triple, kt: float, kr: float) -> tuple[Triple,
 def wrench_stiffness(v: Triple, w: Triple, kt: float, kr: float, matrix: FloatArray, blocks: FloatArray) -> None:
     """Write W, the derivative of (force, torque) by the relative twist of frame b, into ``matrix`` (36,).
 
-    ``d(f, tau) / d(v, w)`` times the blocks A, B of the module's formulas. W is not symmetric: what it lacks is
-    the bracket form of the wrench. ``blocks`` (6, 9) is room to work in.
+    ``d(f, tau) / d(v, w)`` times the blocks A, B of the module's formulas. W is not symmetric: its asymmetry is the
+    bracket form of the wrench. ``blocks`` (6, 9) is working memory.
     """
     x, s, vv = dot(w, w), dot(w, v), dot(v, v)
     c, c1, c2 = log_coefficients(x)

@@ -1,19 +1,19 @@
 r"""Compiled: Newton's step, with the chains eliminated one by one, and the closure of one sample.
 
-Write R for the columns by which the relative twist of frame b against frame a follows the freedoms: +I for the
+Write R for the columns of the Jacobian of the relative twist of frame b against frame a by the freedoms: +I for the
 platform, minus the joint's twist for a joint. In the order seat, platform, site 1, joint 1, site 2, joint 2, ... the
 second derivative of the energy by an earlier freedom m and a later one n is
 
 .. math:: \partial_m \partial_n E = R_m^T\, W\, R_n
 
-with W of ``algebra.wrench_stiffness``, exactly, whether or not the loop is closed: W lacks
-symmetry by the bracket form of the wrench, which is what the motion of the columns adds. (The derivative of a later
-joint's gradient by an earlier joint turns the later one's column; in the other order it does not.)
+with W of ``algebra.wrench_stiffness``, exactly, whether or not the loop is closed: the asymmetry of W is the bracket
+form of the wrench, which is what the motion of the columns adds. (The derivative of a later joint's gradient by an
+earlier joint turns the later one's column; in the other order it does not.)
 
-Far from the minimum W is replaced by K at the midpoint of frames a and b, where it is right to second order in the
-residual (``Jlog(e) Ad(exp(-e/2)) = I - ad(e)^2 / 24 + ...``).
+Far from the minimum W is replaced by K at the midpoint of frames a and b, which is correct up to second-order terms in
+the residual (``Jlog(e) Ad(exp(-e/2)) = I - ad(e)^2 / 24 + ...``).
 
-The chains meet in the platform only. So each chain's joints are eliminated (``L D L^T``), the platform's 6 x 6 Schur
+The chains meet only at the platform. So each chain's joints are eliminated (``L D L^T``), the platform's 6 x 6 Schur
 complement is solved, and the joints follow.
 """
 
@@ -42,11 +42,11 @@ def close_one(star: Star, work: Workspace, options: FloatArray, max_iterations: 
     ``options``: largest step that may end the search, residual that counts as closed, error that may be left, and
     length of steps that are round-off if they do not shrink.
 
-    As ``closure.ClosureSolver``, but for a step that raises the energy. There an undamped one follows before it is
-    judged, here a damped one: the mechanism is a million times stiffer in some directions than in others, so a good
-    long step leaves the floor of a narrow curved valley, and the damped one, which moves in stiff directions only,
-    returns to the floor. Where that, too, ends higher, the solver damps the next step from the best state; here its
-    quarters are tried first.
+    As ``closure.ClosureSolver``, except after a step that raises the energy. The solver then takes an undamped step
+    before judging, and this function a damped one: the mechanism is a million times stiffer in some directions than in
+    others, so a good long step leaves the floor of a narrow curved valley, and the damped one, which moves in stiff
+    directions only, returns to the floor. Where that also ends higher, the solver damps the next step from the best
+    state; here a quarter of the step is tried first, repeatedly.
     """
     step_tolerance, closed_below, left_over, round_off = options[0], options[1], options[2], options[3]
     energy, largest, length, previous = 0.0, 0.0, 0.0, 0.0
@@ -190,7 +190,7 @@ def chain_columns(star: Star, work: Workspace, i: int, exact: bool) -> Triple:
 
 @compiled
 def row_times(matrix: FloatArray, at: int, linear: Triple, angular: Triple) -> float:
-    """Return six neighbouring numbers times a twist."""
+    """Return the product of six consecutive numbers and a twist."""
     return dot(three(matrix, at), linear) + dot(three(matrix, at + 3), angular)
 
 
@@ -260,7 +260,7 @@ def add_platform_block(work: Workspace, rho: Triple) -> None:
 
 @compiled
 def subtract_chains(star: Star, work: Workspace) -> None:
-    """Take what the eliminated chains give way off the platform's block."""
+    """Subtract the Schur terms of the eliminated chains from the platform's block."""
     places = star.passive.shape[1]
     for i in range(star.revolute.shape[0]):
         for n in range(places):
@@ -276,7 +276,7 @@ def cholesky(s: FloatArray, idle: float) -> bool:
     """Factorise the platform's block in place; return whether it is positive semidefinite.
 
     A pivot no larger than ``idle`` (N/m, and Nm/rad about a metre's arm) is round-off of zero: nothing holds the
-    platform that way, and it stays where it is.
+    platform in that direction, and it does not move in it.
     """
     for c in range(6):
         for k in range(c):

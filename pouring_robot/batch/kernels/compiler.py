@@ -1,8 +1,9 @@
-"""How the kernels are compiled: once a machine, and again when a kernel's source changes.
+"""How the kernels are compiled: once per machine, and again when the source of any kernel changes.
 
-Only the outermost kernels are kept on disk: each holds all it calls. By itself Numba keeps a kernel beside its source
-file, renews it when that file changes, and does not look at files it calls into. Here it is kept in the cache folder of
-the package under a stamp of all kernel sources, so that every checkout and environment with the same sources shares it.
+Only the outermost kernels are kept on disk: each contains all that it calls. Numba by default keeps a kernel next to
+its source file, renews it when that file changes, and ignores changes of files whose functions it calls. Here it is
+kept in the package's cache folder under a hash of all kernel sources, so that every checkout and environment with the
+same sources shares it.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class _Locator(_CacheLocator):  # type: ignore[misc]
-    """Says where a kernel is kept, and what makes it stale; neither depends on where the package is installed."""
+    """Determines where a kernel is kept and when it is stale; neither depends on where the package is installed."""
 
     def __init__(self, folder: Path, function: Callable[..., Any]) -> None:
         # The text of the kernel's file and of all here, of what they import, and the compiler.
@@ -59,7 +60,7 @@ class _Impl(CompileResultCacheImpl):  # type: ignore[misc]
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]
-    """Numba's own, which also lives with a folder that cannot be read or written, and with a damaged file in it."""
+    """Numba's own cache, which also tolerates a folder that cannot be read or written, and damaged files in it."""
 
     _impl_class = _Impl
 
@@ -77,12 +78,12 @@ class _Cache(FunctionCache):  # type: ignore[misc]
 
 
 def compiled(function: Function) -> Function:
-    """Compile a function that other kernels call; it becomes part of them."""
+    """Compile a function that other kernels call; it is inlined into them."""
     return cast("Function", numba.njit(**_INNER_OPTIONS)(function))
 
 
 def outermost(function: Function) -> Function:
-    """Compile a kernel that Python calls, and keep it on disk where there is a place that may be written."""
+    """Compile a kernel that Python calls, and keep it on disk where there is a writable place."""
     kernel = numba.njit(**_OPTIONS)(function)
     with suppress(RuntimeError):  # no place: compiled anew in each process, same numbers
         kernel._cache = _Cache(function)

@@ -1,6 +1,6 @@
-"""Compiled: where the chains end, how far the loops are open, and the energy of that; the arrays of all kernels.
+"""Compiled: poses of the chains' ends, residuals of the loops and their energy; the arrays of all kernels.
 
-The working arrays, one workspace a thread, are made outside, so that kernels allocate nothing.
+The working arrays, one workspace per thread, are made outside, so that kernels allocate nothing.
 """
 
 import math
@@ -75,7 +75,7 @@ class Samples(NamedTuple):
 
 
 class Closures(NamedTuple):
-    """What is written of n samples, as in ``BatchClosure``."""
+    """Results of n samples, as in ``BatchClosure``."""
 
     position: FloatArray
     rotation: FloatArray
@@ -97,26 +97,26 @@ def make_workspace(star: Star) -> Workspace:
 
 @compiled
 def three(row: FloatArray, at: int) -> Triple:
-    """Return three neighbouring numbers."""
+    """Return three consecutive numbers."""
     return row[at], row[at + 1], row[at + 2]
 
 
 @compiled
 def nine(row: FloatArray) -> Rotation:
-    """Return the nine first numbers, a rotation."""
+    """Return the first nine numbers, a rotation."""
     a, b, c = three(row, 0), three(row, 3), three(row, 6)
     return a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]
 
 
 @compiled
 def put(row: FloatArray, at: int, a: Triple) -> None:
-    """Store three neighbouring numbers."""
+    """Store three consecutive numbers."""
     row[at], row[at + 1], row[at + 2] = a
 
 
 @compiled
 def carry(star: Star, work: Workspace, i: int) -> tuple[Rotation, Triple]:
-    """Return rotation and origin of frame a of chain i; writes the frames of its joints."""
+    """Return rotation and origin of frame a of chain i, and write the frames of its joints."""
     count = star.revolute.shape[1]
     r, place = nine(work.sites[i, 0]), three(work.sites[i, 0], 9)
     for k in range(count):
@@ -154,7 +154,7 @@ def joint_twist(star: Star, work: Workspace, i: int, k: int, point: Triple) -> t
 
 @compiled
 def shift_over(gap: Triple, w: Triple, side: float) -> Triple:
-    """Return ``V(side w)^-1 gap``, the translation part of log6: of a's axes (side 1) or b's (-1), in base axes."""
+    """Return ``V(side w)^-1 gap``, the translation part of log6: for a's axes (side 1) or b's (-1), in base axes."""
     c, _, _ = log_coefficients(dot(w, w))
     across = cross(w, gap)
     return combined(gap, -0.5 * side, across, c, cross(w, across))
@@ -200,7 +200,7 @@ def residual_of(work: Workspace, i: int, residual: FloatArray) -> None:
 
 @compiled
 def branch_end(star: Star, work: Workspace, i: int) -> tuple[Rotation, Triple, Triple]:
-    """Return frame a's rotation, the way from the end frame's origin to frame a's, and the end frame's origin."""
+    """Return frame a's rotation, the vector from the end frame's origin to frame a's, and the end frame's origin."""
     seat = work.sites[i, star.revolute.shape[1] + 1]
     r_a, a = carry(star, work, i)
     offset = turn(r_a, turn_back(nine(seat), three(seat, 9)))

@@ -1,6 +1,6 @@
 """Compiled: loops over samples. Each call takes a range of samples, so that threads share the work by ranges.
 
-A sample's result depends on its own input only, never on the range or the thread it fell to.
+A sample's result depends on its own input only, never on its range or thread.
 """
 
 import math
@@ -25,7 +25,7 @@ from pouring_robot.mechanism.closure.status import CLOSED, GAP_TOO_LARGE, NOT_FI
 
 _ROTATION_TOLERANCE = 1e-6
 Rows = tuple[int, int]
-"""The first of the samples that a call takes, and the one behind its last."""
+"""The first of the samples of a call, and the one after its last."""
 
 
 @compiled
@@ -59,7 +59,7 @@ def load_state(star: Star, work: Workspace, samples: Samples, row: int) -> bool:
 
 @compiled
 def load_drives(star: Star, work: Workspace, drives: FloatArray) -> bool:
-    """Put one sample's drive values over its joints; return whether they are finite."""
+    """Write one sample's drive values into its joints; return whether they are finite."""
     total = 0.0
     for d in range(star.drives.shape[0]):
         work.joints[star.drives[d, 0] * star.revolute.shape[1] + star.drives[d, 1]] = drives[d]
@@ -69,9 +69,9 @@ def load_drives(star: Star, work: Workspace, drives: FloatArray) -> bool:
 
 @compiled
 def place_errors(star: Star, work: Workspace, samples: Samples, row: int, first: int) -> bool:
-    """Put the errors of one sample into the workspace's sites; return whether they are finite.
+    """Apply the errors of one sample to the workspace's sites; return whether they are finite.
 
-    Errors that all samples share are put in place with sample ``first``.
+    Errors common to all samples are applied with sample ``first``.
     """
     count = samples.errors.shape[0]
     if count == 0:
@@ -149,7 +149,7 @@ def close_samples(
 def carry_samples(
     star: Star, work: Workspace, samples: Samples, drives: FloatArray, chain: IntArray, closures: Closures, rows: Rows
 ) -> None:
-    """Carry the end frame by one chain a sample (n,); of the start only the joints count."""
+    """Carry the end frame by one chain for each sample, (n,); of the start only the joints count."""
     first, last = rows
     for row in range(first, last):
         load_joints(star, work, samples.joints[row])

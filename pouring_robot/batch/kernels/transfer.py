@@ -1,16 +1,16 @@
 r"""Compiled: the error-transfer matrix G of many samples.
 
-At the minimum ``dx = -H^-1 dg/dp``. Only the platform's rows are wanted, so H^-1 is applied to the platform's unit
-vectors once (adjoint): the platform part u of the answer is the inverse Schur complement, its joints are
+At the minimum ``dx = -H^-1 dg/dp``. Only the platform's rows are needed, so H^-1 is applied once to the platform's unit
+vectors (adjoint method): the platform part u of the solution is the inverse Schur complement, its joint part is
 :math:`\lambda`. In the order of freedoms of :mod:`pouring_robot.batch.kernels.closing`, a parameter that moves frame a
-with the twist J and stands after the earlier joints m has
+with the twist J and comes after the earlier joints m has
 
 .. math:: G = (E^T W + L^T W^T) J, \quad E = u - \sum_{earlier} D_m \lambda_m, \quad L = -\sum_{later} D_m \lambda_m
 
 and a seat, which moves frame b and comes first, :math:`G = -(E + L)^T W^T J`. Passing joint k changes the matrix
 in front of J by the dyad of :math:`\lambda_k` and :math:`(W - W^T) D_k`, the bracket form of the wrench applied to D_k.
 
-Matrices of six output rows are stored column by column, so that a loop over rows is one run of neighbours.
+Matrices of six output rows are stored by column, so that a loop over rows reads consecutive memory.
 """
 
 import math
@@ -50,7 +50,7 @@ _SECOND_ORDER_ABOVE = 1e-12
 
 
 class Columns(NamedTuple):
-    """Which columns G has."""
+    """The columns of G."""
 
     site_start: IntArray  # columns of site s are ``order[site_start[s] : site_start[s + 1]]``, (sites + 1,)
     order: IntArray  # column numbers by site
@@ -220,7 +220,7 @@ def transfer_samples(
 def branch_samples(
     star: Star, work: Workspace, samples: Samples, columns: Columns, matrix: FloatArray, status: ByteArray, rows: Rows
 ) -> None:
-    """Write the open branches' G (n, columns, 6) of samples of which only the joints count.
+    """Write the open branches' G (n, columns, 6) of samples, of which only the joints count.
 
     A column is the twist of the end frame carried by its own chain alone, all joints held.
     """
