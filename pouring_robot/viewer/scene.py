@@ -69,7 +69,7 @@ class SceneRobot:
 
 @dataclass(frozen=True, eq=False)
 class SceneArrows:
-    """Arrows drawn in front of everything, at every step or the same throughout; one alone is labelled with its length."""
+    """Arrows drawn in front of everything, at every step or the same throughout; one alone is labelled by length."""
 
     name: str  # unique in the scene
     starts_m: FloatArray  # tails in the world, shape (k, arrows, 3), m
