@@ -111,7 +111,7 @@ def calibrate(
     everything = MeasurementModel(model, all_parameters(candidates), options.threads, sessions)
     rows = everything.at(campaign.drives, sessions=campaign.sessions)
     rows, untold = _under_effects(rows, campaign) if model.conditional else (rows, ())
-    said = "left out, as effects of the model go by {}, and other rows do not tell what it was: {}"
+    said = "left out, as effects of the model depend on {} and other rows do not determine it: {}"
     untold += tuple(said.format(heading, where(campaign, some)) for heading, some in lost.items())
     noise = noise_beforehand(campaign, parts.train)
     task = _Task(campaign, rows, parts, left_out, tolerances, options.fit, noise).with_noise_settled(progress)

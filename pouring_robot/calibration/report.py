@@ -135,7 +135,7 @@ def ladle_line(calibration: CalibrationFindings) -> str:
     # Errors that frames and robot share are known by their sum only: the point goes with the target, as nobody saw it.
     axes = " in the device's axes, fixed to the target," if device else ""
     if device and not calibration.ladle.located:
-        axes = " in the robot's base, as the data hardly show where device and target stand,"
+        axes = " in the robot's base, as the data hardly determine where device and target are,"
     return (
         f"uncertainty of each coordinate of {point}{axes} if the model holds: ±{np.median(half):.3f} mm "
         f"(95 %, median of {half.size} poses), at worst ±{half.max():.3f} mm, in the measured poses "
@@ -147,7 +147,7 @@ def group_lines(calibration: CalibrationFindings) -> list[str]:
     """Return the dependent groups by name: what of them can be identified, and how much cannot."""
     lines = []
     for group in calibration.base.groups:
-        lines.append(f"{len(group.members)} dependent, {group.hidden} direction(s) unseen: {', '.join(group.members)}")
+        lines.append(f"{len(group.members)} dependent, {group.hidden} direction(s) not observable: {', '.join(group.members)}")
         lines += [f"    identifiable: {text}" for text in group.texts()]
     if calibration.base.unseen:
         lines.append(f"without any effect here: {', '.join(calibration.base.unseen)}")
@@ -168,7 +168,7 @@ def html_report(calibration: CalibrationFindings) -> str:
     """Return the report as one self-contained page."""
     lines = parameter_lines(calibration)
     unseen = [line.name for line in lines if not line.seen]
-    left = f"{len(unseen)} more move nothing here and stay as they are: {', '.join(unseen)}" if unseen else ""
+    left = f"{len(unseen)} more have no effect here and are unchanged: {', '.join(unseen)}" if unseen else ""
     notes = [Paragraph(f"Note: {line}.") for line in notes_of(calibration)]
     moved: list[Block] = [*notes, Paragraph("nothing")]
     if lines:
@@ -195,7 +195,7 @@ def html_report(calibration: CalibrationFindings) -> str:
         Lines(next_measurements(calibration)),
         Heading("Pictures"),
         *(Plot(title, svg) for title, svg in plots(calibration)),
-        Heading("Which combinations this campaign can tell apart"),
+        Heading("Which combinations this campaign can distinguish"),
         Lines(group_lines(calibration), mono=True),
         Heading("How groups were chosen"),
         selection_table(calibration) if calibration.selection.steps else Paragraph("all were kept, as asked for"),

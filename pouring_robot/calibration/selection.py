@@ -134,7 +134,7 @@ class _CrossValidation:
         ]
         if not self._folds:
             raise CalibrationError(
-                "no block of the rows to fit can be foretold by others, so nothing says which groups help",
+                "no block of the fitted rows can be predicted from others, so it cannot be tested which groups help",
                 "measure each attitude of the target in several places, or keep all groups (--keep-all)",
             )
         self._frames = [first_frames(frames_only[used], seen) for (used, seen), _ in self._folds]

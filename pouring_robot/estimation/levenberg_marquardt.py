@@ -106,7 +106,7 @@ class Search:
         """Return what to do about a search that does not converge."""
         if self.widened > _FAR_OFF:
             return (
-                f"what is left is {self.widened:.0f} times the noise: state a noise that the model can keep to "
+                f"residuals are {self.widened:.0f} times the noise: state a noise that the model can reach "
                 "(sigma_position_mm, sigma_rotation_mrad … under metrology in the campaign's YAML), or diagnose first "
                 "what the model lacks"
             )

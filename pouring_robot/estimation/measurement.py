@@ -153,7 +153,7 @@ class MeasurementModel:
         if twice:
             of_frames = twice & {p.name for p in FRAME_PARAMETERS}
             mend = "the joint is called as an outer frame is, rename it in the URDF" if of_frames else "name each once"
-            raise BadInputError(f"parameter '{min(of_frames or twice)}' stands twice; {mend}")
+            raise BadInputError(f"parameter '{min(of_frames or twice)}' is given twice; {mend}")
         drives = structure.mechanism.loops.drives
         self._sites = np.full(len(self.parameters), -1)
         self._twists = np.zeros((structure.site_count, 6, len(self.parameters)))

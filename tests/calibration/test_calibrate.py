@@ -94,7 +94,7 @@ def test_rows_whose_load_nobody_knows_are_left_out_where_the_model_goes_by_it():
     found = calibrate(campaign, taught, options)
     assert found.left_out.tolist() == [7, 20]
     where = ", ".join(map(str, campaign.lines[[7, 20]]))
-    said = "left out, as effects of the model go by payload_kg, and other rows do not tell what it was: lines"
+    said = "left out, as effects of the model depend on payload_kg and other rows do not determine it: lines"
     assert found.untold == (f"{said} {where}",)
     assert not calibrate(campaign, RobotModel(), options).left_out.size
 

@@ -73,7 +73,7 @@ def test_a_search_that_ended_at_its_limit_and_rows_that_do_not_close_are_told(fo
     equations = replace(found.fit.equations, failed=np.array([3, 7]))
     short = replace(found, fit=replace(found.fit, equations=equations, converged=False, last_step=0.4))
     added = [line for line in warnings_of(short) if line not in warnings_of(found)]
-    assert len(added) == 2 and "ended at its limit" in added[0] and "was 0.40 standard deviations" in added[0]
+    assert len(added) == 2 and "ended at its limit" in added[0] and "be 0.40 standard deviations" in added[0]
     assert added[1] == "no pose of the robot matches the drives of 2 rows; left out"
     figures = calibration_metrics(short)
     assert (figures["fit"]["converged"], figures["rows"]["not_closing"]) == (False, 2)

@@ -147,7 +147,7 @@ def test_a_search_whose_noise_is_far_too_small_says_so(drawing):
     virtual = Virtual(drawing, model_of(drawing, "geometry"), 60)
     sharp = replace(virtual.measured, sigma_position_m=1e-9, sigma_rotation_rad=1e-9)
     start = first_frames(virtual.rows, virtual.measured)
-    with pytest.raises(CalibrationError, match="times the noise: state a noise that the model can keep to"):
+    with pytest.raises(CalibrationError, match="times the noise: state a noise that the model can reach"):
         identify(virtual.rows, sharp, start, virtual.prior, FitOptions(max_evaluations=2))
 
 

@@ -63,7 +63,7 @@ def by_size(campaign: Campaign) -> list[str]:
 
 def _too_few(campaign: Campaign, name: str) -> CampaignError:
     few = f"session '{name}' has fewer than {FEWEST_FOR_FRAMES} whole positions"
-    unknown = "so nobody knows where it was measured from; measure more, or leave it out"
+    unknown = "so its place of measurement is not known; measure more, or leave it out"
     return CampaignError(campaign.path, f"{few}, {unknown}")
 
 
