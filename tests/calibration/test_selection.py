@@ -53,7 +53,7 @@ def test_nothing_is_said_to_help_nobody_where_nothing_could_be_tried(case, drawi
     virtual, parts = case
     first, last = np.array_split(parts.train, 2)
     apart = dataclasses.replace(parts, folds=(first, last), told=(np.diag([1.0, 0.0]), np.diag([0.0, 1.0])))
-    with pytest.raises(CalibrationError, match="no block of the rows to fit can be foretold"):
+    with pytest.raises(CalibrationError, match="no block of the fitted rows can be predicted"):
         select_groups(virtual.rows, virtual.measured, apart, groups_of(drawing, "centres"), Tolerances.load())
 
 

@@ -160,7 +160,7 @@ def test_groups_are_chosen_by_distances_from_one_row():
     # They are called what they are.
     worse = dataclasses.replace(found, before=found.after, after=found.before)
     assert any(line.startswith("worse on held-out rows: distance ") for line in warnings_of(worse))
-    assert any("move none of the distances measured" in line for line in notes_of(found))
+    assert any("change none of the measured distances" in line for line in notes_of(found))
 
 
 @pytest.mark.parametrize("seen", ["one coordinate a row", "height only", "distance"])

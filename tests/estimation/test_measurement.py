@@ -118,9 +118,9 @@ def test_what_changes_in_a_joint_is_found_whatever_the_joint_is_called(name):
 def test_wrong_parameters_and_shapes_are_refused(drawing):
     model = model_of(drawing, "drives")
     twist = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    with pytest.raises(BadInputError, match="stands twice"):
+    with pytest.raises(BadInputError, match="is given twice"):
         model.with_parameters([DriveParameter("leg1_s3", "m")] * 2)
-    with pytest.raises(BadInputError, match=r"'tool\.tx' stands twice; the joint is called as an outer frame is"):
+    with pytest.raises(BadInputError, match=r"'tool\.tx' is given twice; the joint is called as an outer frame is"):
         model.with_parameters([PlacementParameter("tool.tx", "m", "leg1_s1", twist)])
     with pytest.raises(UnknownJointError):
         model.with_parameters([PlacementParameter("x", "m", "leg9_s1", twist)])

@@ -129,7 +129,7 @@ def test_a_block_that_alone_tells_where_tracker_and_target_stand_is_not_held_out
     assert len(parts.folds) == 4
     assert len(parts.validations) == 3  # those rows judge nothing either
     assert not any(over[judged].any() for _, judged in parts.validations)
-    with pytest.raises(CalibrationError, match="no last block by time can be held out, as it alone tells"):
+    with pytest.raises(CalibrationError, match="no last block by time can be held out, as it alone determines"):
         split(campaign, NONE, "time")
 
 
