@@ -110,6 +110,20 @@ def test_packages_are_found_where_they_may_be_read(folder, monkeypatch, place):
         assert f'"{address}"' in meshes_from(urdf, folder)
 
 
+@pytest.mark.parametrize("place", ["above", "beside", "named", "holder"])
+def test_a_package_in_a_folder_of_another_name_is_known_by_its_manifest(folder, monkeypatch, place):
+    """As a clone is called by its repository, whatever stands in its package.xml."""
+    home = {"above": folder.parent, "beside": folder.parent / "Clone"}.get(place, folder.parents[1] / "Clone")
+    if place in ("named", "holder"):
+        monkeypatch.setenv(FOLDERS_VARIABLE, str(home if place == "named" else home.parent))
+    home.mkdir(exist_ok=True)
+    (home / "package.xml").write_text("<package format='3'>\n  <name> arm_description </name></package>", "utf-8")
+    (home / "part.stl").write_bytes(b"")
+    urdf = "<robot><link name='a'><mesh filename='package://arm_description/part.stl'/></link></robot>"
+    assert f'"{(home / "part.stl").resolve()}"' in meshes_from(urdf, folder)
+    assert "package://arm/" in meshes_from(urdf.replace("arm_description", "arm"), folder)
+
+
 def test_an_absent_package_is_asked_for_on_one_line(folder):
     said = refused(folder, "<xacro:include filename='$(find absent)/a.xacro'/>")
     assert said.endswith(f"the package 'absent' is not there; name the folder that holds it in {FOLDERS_VARIABLE}")

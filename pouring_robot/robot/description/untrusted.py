@@ -56,12 +56,17 @@ def _folders(folder: Path) -> list[Path]:
 def package(name: str, folder: Path) -> Path:
     """Return the folder of a ROS package: the one above a description's folder, beside it, or among those named.
 
-    Raises DescriptionError where there is none of that name.
+    A clone is often called otherwise than its package: what stands in its ``package.xml`` counts as well. Raises
+    DescriptionError where there is none of that name.
     """
     for place in _folders(folder):
         for found in (place, place / name):
             if found.name == name != ".." and found.is_dir():
                 return found.resolve()
+        for manifest in (place / "package.xml", *sorted(place.glob("*/package.xml"))):
+            with contextlib.suppress(OSError):  # of a neighbour that nobody may read
+                if re.search(rf"<name>\s*{re.escape(name)}\s*</name>", manifest.read_text("utf-8", "replace")):
+                    return manifest.parent.resolve()
     problem = f"the package '{name}' is not there; name the folder that holds it in {FOLDERS_VARIABLE}"
     raise DescriptionError(folder, problem)
 
