@@ -386,6 +386,16 @@ def test_what_was_learned_without_times_is_refused_elsewhere(bench):
     assert np.ptp(again[:, 0, 3] - predicted(rows)[:, 0, 3]) == pytest.approx(0.3e-3, rel=1e-3)
 
 
+@pytest.mark.parametrize("kind", ["leg_thermal_expansion", "platform_thermal_expansion"])
+def test_what_thermometers_taught_without_times_is_applied_by_them(bench, rng, kind):
+    rows = rows_of(bench.campaign.with_conditions(time=None), RobotModel())
+    model = model_with(rows, entry_of(EFFECTS[kind], rows.conditions, rng))
+    rows, given = rows_of(rows.campaign, model), given_of(rows.campaign)
+    some = slice(2, 5)
+    robots = robots_under(model, rows.campaign.drives[some], {name: value[some] for name, value in given.items()})
+    assert places(robots, rows.campaign.drives[some])[:, :3] == pytest.approx(predicted(rows)[some], abs=1e-8)
+
+
 def test_beyond_what_was_learned_is_said(bench):
     rows = rows_of(bench.campaign, RobotModel())
     model = model_with(rows, EffectEntry(effect="base_drift", form="steady", learned="bench"))

@@ -28,9 +28,15 @@ _LAGS_S = (150.0, 600.0, 2400.0)
 """Time constants with which a part lags its thermometer, from thin to thick: their sums represent all between."""
 
 
+def _lags_s(conditions: Conditions) -> tuple[float, ...]:
+    """Return the time constants that rows can show: without times, the order of rows is no time in seconds."""
+    timed = conditions.learned.timed if conditions.learned else conditions.time_known
+    return _LAGS_S if timed else ()
+
+
 def _late(conditions: Conditions, rise: FloatArray) -> Iterator[tuple[str, FloatArray]]:
     """Yield by how much lagging parts are warmer than their thermometers, with a name each."""
-    for lag_s in _LAGS_S:
+    for lag_s in _lags_s(conditions):
         yield f"lag_{lag_s:.0f}_s", conditions.behind(rise, lag_s) - rise
 
 
@@ -160,7 +166,8 @@ class LinksGrowth(Family):
         def slides(rises: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
             return {channel(drive): _PPM * travel * rises[by] for drive, by, travel in slid if by in rises}
 
-        late = [(t, {by: conditions.behind(rise, t) - rise for by, rise in followed.items()}) for t in _LAGS_S]
+        lags_s = _lags_s(conditions)
+        late = [(t, {by: conditions.behind(rise, t) - rise for by, rise in followed.items()}) for t in lags_s]
         ends = {drive: {channel(drive): _PPM * followed[by]} for drive, by, _ in slid if by in followed}
         held = [EffectParameter(f"{d.symbol}_metre", "1e-6/K", prior_std, change) for d, change in ends.items()]
         scales, links = ("drives_share", 0.3, slides(followed)), ("frame_share", 0.3, frame(followed))
