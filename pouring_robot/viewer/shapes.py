@@ -3,9 +3,11 @@
 A solid's shape is the triangles of a robot's visual geometry, of any kind in the URDF.
 """
 
+import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import coal
@@ -71,11 +73,30 @@ def shape_of(item: pin.GeometryObject) -> Shape:
             # Its scale is already in the vertices; faces that it mirrors are rewound, or they would be inside out.
             triangles = map(geometry.tri_indices, range(geometry.num_tris))
             faces = np.array([[one[0], one[1], one[2]] for one in triangles], dtype=np.int64)
+            places = np.array(geometry.vertices(), dtype=np.float64)
+            if len(np.unique(faces)) < len(places):
+                # Of a node with several meshes Pinocchio's reader takes all triangles for those of the first one.
+                file = Path(item.meshPath)
+                whole = read_mesh(file.name, file.read_bytes())
+                faces, places = np.asarray(whole.faces, dtype=np.int64), item.meshScale * whole.vertices
             wound = faces[:, ::-1] if np.prod(item.meshScale) < 0.0 else faces
-            return _meshed(np.array(geometry.vertices(), dtype=np.float64).tobytes(), wound.tobytes())
+            return _meshed(places.tobytes(), wound.tobytes())
     raise DescriptionError(
         "robot description", f"visual '{item.name}' is a {type(geometry).__name__}, which cannot be drawn"
     )
+
+
+@lru_cache(maxsize=128)  # by content: both robots of a scene load the same files
+def read_mesh(name: str, content: bytes) -> Any:
+    """Return the trimesh of a mesh file, in the units of the file; raises DescriptionError where that is none."""
+    try:
+        mesh = trimesh.load_mesh(io.BytesIO(content), file_type=Path(name).suffix[1:])
+    except Exception as problem:  # each format has a reader of its own, which may fail in any way
+        why = " ".join(str(problem).split())
+        raise DescriptionError("URDF", f"the mesh {name} cannot be read: {why}") from problem
+    if mesh.is_empty:
+        raise DescriptionError("URDF", f"the mesh {name} has no faces; is the file whole?")
+    return mesh
 
 
 @lru_cache(maxsize=256)

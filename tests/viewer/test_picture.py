@@ -116,6 +116,40 @@ def test_a_mirrored_mesh_shows_its_outside(tmp_path, scale):
     assert np.einsum("fi,fci->fc", across, shape.normals[shape.faces]).min() > 0.0
 
 
+TWO_COLOURS = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><created>2026-01-01T00:00:00</created><modified>2026-01-01T00:00:00</modified></asset>
+<library_effects><effect id="red"><profile_COMMON><technique sid="t"><phong/></technique></profile_COMMON></effect>
+</library_effects><library_materials><material id="a"><instance_effect url="#red"/></material>
+<material id="b"><instance_effect url="#red"/></material></library_materials>
+<library_geometries><geometry id="g"><mesh><source id="p"><float_array id="f" count="24">
+0 0 0 1 0 0 0 1 0 0 0 1  5 0 0 7 0 0 5 2 0 5 0 2</float_array><technique_common>
+<accessor source="#f" count="8" stride="3">
+<param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common>
+</source><vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles material="a" count="4"><input semantic="VERTEX" source="#v" offset="0"/>
+<p>0 2 1 0 1 3 0 3 2 1 2 3</p></triangles>
+<triangles material="b" count="4"><input semantic="VERTEX" source="#v" offset="0"/>
+<p>4 6 5 4 5 7 4 7 6 5 6 7</p></triangles>
+</mesh></geometry></library_geometries><library_visual_scenes><visual_scene id="s"><node id="n">
+<instance_geometry url="#g">
+<bind_material><technique_common><instance_material symbol="a" target="#a"/><instance_material symbol="b" target="#b"/>
+</technique_common></bind_material></instance_geometry></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+@pytest.mark.parametrize(("scale", "volume"), [("1 1 1", 1.5), ("2 2 -2", 12.0)])
+def test_a_mesh_of_several_colours_is_drawn_whole(tmp_path, scale, volume):
+    """Corners of cubes of 1 m and 2 m, each a sixth of its cube, as two materials of one COLLADA geometry."""
+    (tmp_path / "two.dae").write_text(TWO_COLOURS, encoding="utf-8")
+    mesh = f'<mesh filename="{tmp_path}/two.dae" scale="{scale}"/>'
+    urdf = f'<robot name="r"><link name="a"><visual><geometry>{mesh}</geometry></visual></link></robot>'
+    (item,) = visual_model(pin.buildModelFromXML(urdf), urdf).geometryObjects
+    shape = shape_of(item)
+    corners = shape.vertices[shape.faces]
+    six_volumes = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum()
+    assert six_volumes / 6.0 == pytest.approx(volume)
+
+
 def test_the_default_camera_shows_the_robots_and_not_all_of_the_truss(tmp_path):
     scene = small_scene(tmp_path)
     view = View(camera_on(scene), 400, 300, 200.0)

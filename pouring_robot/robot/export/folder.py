@@ -3,13 +3,11 @@
 An SRDF says which bodies touch because they are joined, or because they are drawn into each other.
 """
 
-import io
 import itertools
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import pinocchio as pin
-import trimesh
 from lxml import etree
 from lxml.builder import E
 
@@ -25,6 +23,7 @@ from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.export.mjcf import mjcf
 from pouring_robot.robot.export.sdf import VERSION, sdf
 from pouring_robot.robot.robot import LOADED, Command, Robot
+from pouring_robot.viewer.shapes import read_mesh
 
 Format = Literal["urdf", "mjcf", "sdf", "drake"]
 FORMATS: tuple[Format, ...] = get_args(Format)
@@ -75,7 +74,7 @@ def exported_files(
     name = assembly.name
     files: dict[Path, bytes | str] = dict(tree)
     for path in (path for path in tree if path.parent.name == "meshes"):
-        mesh = _mesh(path, tree[path])
+        mesh = read_mesh(path.name, tree[path])
         files[path.with_suffix(".obj")] = str(mesh.export(file_type="obj", header=None))
         files[path.with_suffix(".glb")] = bytes(mesh.export(file_type="glb"))
     pairs = joined_or_touching(closed, assembly)
@@ -96,18 +95,6 @@ def exported_files(
             files[urdf.with_suffix(".srdf")] = srdf(assembly, pairs)
             files[urdf] = _absolute(drawn, folder) if absolute_meshes else drawn
     return files
-
-
-def _mesh(path: Path, content: bytes) -> Any:
-    """Return what a mesh file holds; raises DescriptionError where that is none."""
-    try:
-        mesh = trimesh.load_mesh(io.BytesIO(content), file_type=path.suffix[1:])
-    except Exception as problem:  # each format has a reader of its own, which may fail in any way
-        why = " ".join(str(problem).split())
-        raise DescriptionError("URDF", f"the mesh {path.name} cannot be read: {why}") from problem
-    if mesh.is_empty:
-        raise DescriptionError("URDF", f"the mesh {path.name} has no faces; is the file whole?")
-    return mesh
 
 
 def _absolute(urdf: bytes, folder: Path) -> bytes:
