@@ -29,6 +29,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag, FlagCode, flagged
 from pouring_robot.checks.smooth_errors import Aligned, condition_terms
 from pouring_robot.estimation.noise import FALSE_ALARMS, LEAST_FACTOR
+from pouring_robot.io.figures import two_digits
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly_spaced
 from pouring_robot.mechanism.local_parameters import drive_parameters
@@ -39,7 +40,7 @@ _MOST_ROWS, _FEWEST_ROWS = 200, 20
 _ROUND_OFF = 1e-6  # N and Nm
 _ORDERS = 8  # of waves of a turn, as of encoders, gears and screws; their amplitude falls with the order
 _STILL_M = 1e-9  # positions that vary by less are constant
-_ROUNDED = 1e-6  # share of a step by which values may miss its multiples
+_ROUNDED = 1e-3  # share of a step by which values may miss its multiples
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +77,7 @@ class Scatter:
             least = scipy.optimize.minimize(self._cost, (start, -2.0), jac=True, method="L-BFGS-B", bounds=bounds)
             return float(least.fun), float(least.x[0])
 
-        return min(best(start) for start in (0.0, 2.0))
+        return min(best(start) for start in (0.0, 2.0, 4.0, 6.0))
 
     @property
     def factor(self) -> float:
@@ -125,14 +126,14 @@ def check_noise(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
     more = (along, _by_own_place(campaign, data.drives[rows]), warm)
     tried = (_scatters(aligned, rows, effect, (*by_drive, *causes)) for causes in more)
     if all(one.too_small for beside in tried for one in beside):
-        least = min(scatters, key=lambda one: one.factor)
+        factor = min(one.factor for one in scatters)
         stated = campaign.metadata.sigma_position_m / MM
         message = (
             f"the stated noise is too small, or what each move does differs: all {len(scatters)} measured components "
-            f"scatter by {least.factor:.2g} times as much or more, which no smooth cause explains; of a position that "
-            f"is {least.factor * stated:.2g} mm, not {stated:.2g}"
+            f"scatter by {factor:.{two_digits(factor)}f} times as much or more, which no smooth cause explains; of a "
+            f"position that is {factor * stated:.2g} mm, not {stated:.2g}"
         )
-        yield flagged(campaign, FlagCode.NOISE_TOO_SMALL, message, metrics={"factor": least.factor})
+        yield flagged(campaign, FlagCode.NOISE_TOO_SMALL, message, metrics={"factor": factor})
 
 
 def _scatters(
@@ -230,8 +231,9 @@ def _rounded(campaign: Campaign, scatters: Sequence[Scatter]) -> Iterator[DataFl
         if variances[c] > LEAST_FACTOR**2 and scatters[c].factor ** 2 > 1.0 + 0.5 * variances[c]:
             unit, si = shown_in(campaign.robot.drives[drives[0]].unit)
             headings = ", ".join(f"'{campaign.heading(names[k])}'" for k in drives)
+            share = math.sqrt(variances[c])
             message = (
-                f"rounded to {said}: {headings}; that alone is {math.sqrt(variances[c]):.2g} times the stated noise, "
+                f"rounded to {said}: {headings}; that alone is {share:.{two_digits(share)}f} times the stated noise, "
                 "and the measurements scatter so"
             )
             figures = {f"step_{unit}": step / si}
@@ -255,7 +257,6 @@ def _round_step(values: FloatArray) -> float:
         for size in (5.0, 2.0, 1.0):
             step = size * 10.0**power
             steps = known / step
-            multiples = np.abs(steps - np.round(steps)) < _ROUNDED * np.maximum(np.abs(steps), 1.0)
-            if known.size and np.ptp(known) > 2.0 * step and multiples.all():
+            if known.size and np.ptp(known) > 2.0 * step and np.all(np.abs(steps - np.round(steps)) < _ROUNDED):
                 return step
     return 0.0

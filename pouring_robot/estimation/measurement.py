@@ -219,7 +219,7 @@ class MeasurementModel:
         try:
             amended.check_errors()
         except BadInputError as problem:
-            mend = "check units and drive zeros of the campaign, or the model's layout"
+            mend = "check units, drive zeros and stated noise of the campaign, or the model's layout"
             raise CalibrationError(f"the fit is not credible: {problem}", mend) from problem
         return amended
 

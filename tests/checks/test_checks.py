@@ -566,6 +566,17 @@ def test_says_how_large_the_noise_is(as_built, real, factor):
         assert flags[0].metrics["factor"] == pytest.approx(factor, rel=0.25)
 
 
+def test_metres_stated_as_the_noise_in_millimetres_are_no_rounded_drives(as_built, real):
+    """Long legs with all their digits: of 700 mm a millionth is 0.7 steps of a micrometre."""
+    stated = real.campaign.metadata
+    less = {"sigma_position_m": stated.sigma_position_m / 1e3, "sigma_rotation_rad": stated.sigma_rotation_rad / 1e3}
+    quiet = dataclasses.replace(real.campaign, metadata=stated.model_copy(update=less))
+    (flag,) = check_campaign(quiet, as_built.kinematics)
+    assert flag.code is FlagCode.NOISE_TOO_SMALL
+    assert flag.metrics["factor"] == pytest.approx(1e3, rel=0.4)
+    assert "e+0" not in flag.message
+
+
 def test_a_rough_error_of_one_drive_is_no_noise(drawing, clean):
     random = np.random.default_rng(2)
     rough = damaged(clean.campaign, drives=lambda v: v + random.normal(size=v.shape) * [0.0, 3e-4, 0.0, 0.0])
