@@ -184,7 +184,7 @@ class ParameterLine(Movement):
         """What to make of it, in words."""
         if self.learnt < LEARNT:
             return "held by its tolerance"
-        return "moved" if self.moved else "measured, not off"
+        return "moved" if self.moved else "not shown to be off"
 
 
 def parameter_lines(calibration: CalibrationFindings) -> list[ParameterLine]:

@@ -25,7 +25,7 @@ def test_verdicts():
     line = ParameterLine("x", "mm", 1.0, 0.1, 1.0, "g", True)
     assert line.verdict == "moved"
     assert line.interval == pytest.approx((0.804, 1.196), abs=1e-3)
-    assert ParameterLine("x", "mm", 0.1, 0.1, 1.0, "g", True).verdict == "measured, not off"
+    assert ParameterLine("x", "mm", 0.1, 0.1, 1.0, "g", True).verdict == "not shown to be off"
     assert ParameterLine("x", "mm", 1.0, 0.9, 1.0, "g", True).verdict == "held by its tolerance"
 
 
