@@ -147,7 +147,8 @@ def group_lines(calibration: CalibrationFindings) -> list[str]:
     """Return the dependent groups by name: what of them can be identified, and how much cannot."""
     lines = []
     for group in calibration.base.groups:
-        lines.append(f"{len(group.members)} dependent, {group.hidden} direction(s) not observable: {', '.join(group.members)}")
+        members = ", ".join(group.members)
+        lines.append(f"{len(group.members)} dependent, {group.hidden} direction(s) not observable: {members}")
         lines += [f"    identifiable: {text}" for text in group.texts()]
     if calibration.base.unseen:
         lines.append(f"without any effect here: {', '.join(calibration.base.unseen)}")

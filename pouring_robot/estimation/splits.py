@@ -104,8 +104,8 @@ def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> 
             f"measure more poses{other}",
         )
     raise CalibrationError(
-        f"{'no block' if kind == 'region' else 'no last block'} by {kind} can be held out, as it alone determines where "
-        "tracker and target are relative to each other",
+        f"{'no block' if kind == 'region' else 'no last block'} by {kind} can be held out, as it alone determines "
+        "where tracker and target are relative to each other",
         f"measure each attitude of the target in several places{other}",
     )
 
