@@ -172,9 +172,9 @@ def metadata_in(content: Mapping[str, Any], path: Path | str) -> CampaignMetadat
     facts = file.facts()
     for name in _KEYS:
         facts |= getattr(file, name).facts()
-    seen = {key: getattr(file.metrology, key) for key in ("target", "frame", "frames")}
-    seen["approach"] = file.drives.approach
-    return CampaignMetadata(robot=file.robot, description=file.description, **seen, **facts)
+    setting = {key: getattr(file.metrology, key) for key in ("target", "frame", "frames")}
+    setting["approach"] = file.drives.approach
+    return CampaignMetadata(robot=file.robot, description=file.description, **setting, **facts)
 
 
 def metadata_text(metadata: CampaignMetadata) -> str:

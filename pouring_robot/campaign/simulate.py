@@ -129,8 +129,8 @@ def simulate_campaign(
     expect(plan, PosePlan, "what is measured is a PosePlan: of random_plan, read_plan, or plan_campaign(…).pose_plan")
     rows = len(plan)
     if robots is None and robot.model.conditional:
-        told = "robots_under(robot, plan.poses, plan.given(robot.model.definition))"
-        raise BadInputError(f"where the robot stands depends on the plan's conditions: give robots={told}")
+        call = "robots_under(robot, plan.poses, plan.given(robot.model.definition))"
+        raise BadInputError(f"where the robot stands depends on the plan's conditions: give robots={call}")
     for standing in robots or ():
         expect(standing, Robot, LOADED)
     if robots is not None and len(robots) != rows:
@@ -146,8 +146,8 @@ def simulate_campaign(
     random = generator(options.seed, Stream.SIMULATION)
     outer, inner = _frames(options, random)
     actual = _actual_poses(robot, plan, robots, path, progress)
-    seen = [outer * pose * inner for pose in actual]
-    position = stretch * np.array([pose.translation for pose in seen])
+    observed = [outer * pose * inner for pose in actual]
+    position = stretch * np.array([pose.translation for pose in observed])
     position += random.normal(size=(rows, 3)) * options.sigma_position_m
     wrong = np.sort(random.choice(rows, options.outliers, replace=False))
     direction = random.normal(size=(wrong.size, 3))
@@ -156,7 +156,7 @@ def simulate_campaign(
     measured = dict(zip(POSITION, position.T, strict=True))
     if options.sigma_rotation_rad is not None:
         noise = random.normal(size=(rows, 3)) * options.sigma_rotation_rad
-        turned = np.array([pin.exp3(turn) @ pose.rotation for turn, pose in zip(noise, seen, strict=True)])
+        turned = np.array([pin.exp3(turn) @ pose.rotation for turn, pose in zip(noise, observed, strict=True)])
         measured |= dict(zip(ROTATION, rotation_vectors(turned).T, strict=True))
     lost = []
     for name, values in measured.items():

@@ -54,7 +54,7 @@ def distinct_poses(campaign: Campaign) -> int:
 
 
 def _another_robot(campaign: Campaign) -> Iterator[DataFlag]:
-    """Find a campaign of another robot whose columns happen to fit; files without a name are taken for this one's."""
+    """Find a campaign of another robot whose columns happen to fit; files that name none count as this one's."""
     named, robot = campaign.metadata.robot, campaign.robot.name
     if named and named != robot:
         message = f"the YAML file names the robot '{named}', and the rows were read as those of '{robot}'"
@@ -161,10 +161,10 @@ def _stuck_measurements(campaign: Campaign, held: Sequence[Indices]) -> Iterator
             campaign, FlagCode.STUCK_COLUMN, message, stood, columns.POSITION, severity=Severity.NOTE, remedy=_SOCKET
         )
     found_in = ((name, campaign.quantity(name)) for name in (*columns.POSITION, *columns.ROTATION, columns.DISTANCE))
-    seen = {name: values for name, values in found_in if values is not None and np.isfinite(values).any()}
-    alone = len(seen) == 1
-    seen.pop(columns.DISTANCE, None)  # two places may well be at the same distance
-    for name, values in seen.items():
+    measured = {name: values for name, values in found_in if values is not None and np.isfinite(values).any()}
+    alone = len(measured) == 1
+    measured.pop(columns.DISTANCE, None)  # two places may well be at the same distance
+    for name, values in measured.items():
         if held and name in columns.POSITION:
             continue
         plane = alone and np.nanmax(values) == np.nanmin(values)

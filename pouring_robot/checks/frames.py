@@ -3,7 +3,7 @@
 The nominal robot predicts every measured pose up to the two unknown frames. Where prediction and measurement differ by
 more than a robot's errors can explain, each usual mistake is undone in turn; the one that reduces the misfit to a fifth
 or less is named, and undone for the checks that follow. Before that, sessions measured from different places are
-detected, though the campaign says otherwise.
+detected where the campaign does not state them.
 """
 
 import dataclasses
@@ -57,7 +57,7 @@ _LIMIT_SLACK = 1e-3  # m or rad
 _SET_UP_ANEW_M = 0.05  # a set-up that creeps or is bumped moves less
 _TIMES_BETTER = 3.0
 _OF_THE_DEVICE = (FlagCode.MIRRORED_AXES, FlagCode.FRAMES_SWAPPED)
-_TELLING_ROWS = 20  # of a session; with fewer, frames of its own, twelve unknowns, explain too much
+_TELLING_ROWS = 20  # of a session; with fewer, its own frames, twelve unknowns, explain too much
 
 
 def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campaign, list[DataFlag]]:
@@ -74,12 +74,12 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
     metadata = campaign.metadata.model_copy(update={"frames": PER_SESSION})
     try:  # by positions alone: distances refer to one frame
         together = in_one_frame(dataclasses.replace(campaign, metadata=metadata, distance_m=None), poses)
-        seen = _compared(together, poses)
-        apart, shared = _compared(campaign, poses).fit(1.0), seen.fit(1.0)
+        aligned = _compared(together, poses)
+        apart, shared = _compared(campaign, poses).fit(1.0), aligned.fit(1.0)
     except (CampaignError, FrameFitError):
         return campaign, []  # too few rows to say
     # Each seen from its best place: no place of the tracker explains what remains.
-    remounted = list(_targets_moved(together, seen, shared))
+    remounted = list(_targets_moved(together, aligned, shared))
     before, after = apart.position_scale_m, shared.position_scale_m
     moved = float(np.nanmax(np.linalg.norm(together.position_m - campaign.position_m, axis=1)))
     if moved < _SET_UP_ANEW_M or before < _TIMES_BETTER * after:
@@ -237,9 +237,9 @@ class FrameChecks:
 
         Units of coordinates are checked by the linear map alone.
         """
-        seen, turned = self.campaign.position_measured, self.campaign.rotation_measured.any(axis=1)
-        whole, turned_only = int(seen.all(axis=1).sum()), np.flatnonzero(turned & ~seen.any(axis=1))
-        if whole >= FEWEST_FOR_FRAMES or not (seen.any() or turned.any()):
+        measured, turned = self.campaign.position_measured, self.campaign.rotation_measured.any(axis=1)
+        whole, turned_only = int(measured.all(axis=1).sum()), np.flatnonzero(turned & ~measured.any(axis=1))
+        if whole >= FEWEST_FOR_FRAMES or not (measured.any() or turned.any()):
             return  # distances or closures alone are not meant to be compared
         mistakes = position_mistakes(self.campaign, self.drawing, self.data)
         for mistake, undone in _undone((m for m in mistakes if m.code is FlagCode.POSITION_UNIT), self.data):
@@ -254,7 +254,7 @@ class FrameChecks:
         if turned_only.size:
             message += f"; a rotation only is in {where(self.campaign, turned_only)}"
             # Without any length the place of the tracker is unknown.
-            severity = Severity.WARNING if seen.any() or self.campaign.distance_m is not None else Severity.ERROR
+            severity = Severity.WARNING if measured.any() or self.campaign.distance_m is not None else Severity.ERROR
         figures = {"rows_with_position": float(whole), "rows_with_rotation_only": float(turned_only.size)}
         code, names = FlagCode.NOT_COMPARED, columns.POSITION
         self.flags.append(flagged(self.campaign, code, message, turned_only, names, figures, severity=severity))
@@ -351,10 +351,10 @@ class FrameChecks:
         # Rotations by errors alone are smaller in any smaller unit; but no vector is longer than a whole turn.
         whole = float(np.nanmedian(np.linalg.norm(vectors, axis=1))) > 2.0 * np.pi
         most = GAIN * (before if whole else min(before, self.data.turned_rad))
-        left = _fitted(tried, _turn_misfit, most)
-        least = min((after for after, _ in left), default=before)
+        misfits = _fitted(tried, _turn_misfit, most)
+        least = min((after for after, _ in misfits), default=before)
         # Of equals the first: the simpler mistake.
-        after, best = next((one for one in left if one[0] <= _EQUAL * least), (before, TURN_MISTAKES[0]))
+        after, best = next((one for one in misfits if one[0] <= _EQUAL * least), (before, TURN_MISTAKES[0]))
         if after < most:
             metrics = {"misfit_before_mrad": before / MRAD, "misfit_after_mrad": after / MRAD}
             self._found(best.code, best.message, best.names, metrics)
@@ -377,13 +377,13 @@ def _undone(mistakes: Iterable[Mistake], data: Comparison) -> list[tuple[Mistake
     return [(mistake, undone) for mistake in mistakes if (undone := mistake.undo(data)) is not None]
 
 
-def _least(left: list[tuple[float, Mistake]]) -> Mistake | None:
+def _least(misfits: list[tuple[float, Mistake]]) -> Mistake | None:
     """Return the mistake that leaves the least misfit, with its equals; None if there is none."""
-    if not left:
+    if not misfits:
         return None
-    equal = _EQUAL * min(misfit for misfit, _ in left)
+    equal = _EQUAL * min(misfit for misfit, _ in misfits)
     # Of equals, mistakes of the device come last: a slide that is counted from its other end is more usual.
-    in_order = sorted(left, key=lambda one: (one[0] > equal, one[1].code in _OF_THE_DEVICE, one[0]))
+    in_order = sorted(misfits, key=lambda one: (one[0] > equal, one[1].code in _OF_THE_DEVICE, one[0]))
     (_, best), *others = in_order
     equals = (mistake.message for misfit, mistake in others if misfit < equal)
     return dataclasses.replace(best, equals=tuple(equals))

@@ -90,10 +90,10 @@ def scores_of(aligned: Aligned) -> FloatArray:
     """
     (terms, pose), floors = aligned.smooth, aligned.floors
     in_pose = np.max([unexplained(terms, pose[:, k], floor) for k, floor in enumerate(floors)], axis=0)
-    drives, left = _by_drives(aligned)
+    drives, residual = _by_drives(aligned)
     by_drives = [unexplained(terms, errors, floors[0]) for errors in drives.T]
-    beside = [unexplained(terms, left[:, k], floor) for k, floor in enumerate(floors)]
-    return np.asarray(np.minimum(in_pose, np.max([*by_drives, *beside], axis=0)), dtype=np.float64)
+    by_residual = [unexplained(terms, residual[:, k], floor) for k, floor in enumerate(floors)]
+    return np.asarray(np.minimum(in_pose, np.max([*by_drives, *by_residual], axis=0)), dtype=np.float64)
 
 
 def _by_drives(aligned: Aligned) -> tuple[FloatArray, FloatArray]:
@@ -119,10 +119,10 @@ def _beyond_joints(aligned: Aligned, rows: Indices) -> FloatArray:
     known = np.isfinite(terms).all(axis=1) & np.isfinite(residual.ravel())
     if known.sum() < ROWS_PER_TERM * np.linalg.matrix_rank(terms[known]):
         return np.full(rows.size, np.inf)
-    _, left, _ = robust_fit(terms, residual.ravel(), 1.0)
+    _, remaining, _ = robust_fit(terms, residual.ravel(), 1.0)
     scores = []
     for k, floor in enumerate(floors):
-        size, deviation = sized(left.reshape(residual.shape)[:, k], 1.0)
+        size, deviation = sized(remaining.reshape(residual.shape)[:, k], 1.0)
         near = leftover(smooth, pose[:, k], floor)[1] / floor
         scores.append(size / min(deviation, near))
     return np.asarray(np.max(scores, axis=0)[np.searchsorted(used, rows)])
@@ -178,5 +178,5 @@ def _not_together(data: Comparison, fit: FrameFit, rows: Indices, metres_per_rad
 def _sizes(fit: FrameFit, metres_per_rad: float) -> FloatArray:
     """Return the residual of each row after fitting frames, (n,), in m, an angle as the length of equal weight."""
     turn = 0.0 if fit.rotation_residual_rad is None else np.nan_to_num(fit.rotation_residual_rad)
-    left = np.hypot(np.nan_to_num(fit.position_residual_m), metres_per_rad * turn)
-    return np.asarray(np.linalg.norm(left, axis=1))
+    residual = np.hypot(np.nan_to_num(fit.position_residual_m), metres_per_rad * turn)
+    return np.asarray(np.linalg.norm(residual, axis=1))

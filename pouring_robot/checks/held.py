@@ -26,14 +26,14 @@ def held_rows(campaign: Campaign, drawing: Drawing, poses: PoseStack) -> list[In
     places = _places(campaign)
     if not places:
         return []
-    left, target = _from_one_place(poses, places)
-    drives, far, rows = np.array(campaign.drives), np.full_like(left, np.nan), np.concatenate(places)
+    offset, target = _from_one_place(poses, places)
+    drives, far, rows = np.array(campaign.drives), np.full_like(offset, np.nan), np.concatenate(places)
     for own in places:
         steps = np.arange(drives.shape[1]) * own.size // drives.shape[1]
         drives[own] = np.column_stack([np.roll(one, step) for one, step in zip(drives[own].T, steps, strict=True)])
     apart = nominal_poses(drawing, drives[rows])
     far[rows] = apart.position_m + apart.rotation @ target
-    return places if _spread(left, places) < _TOGETHER * _spread(far, places) else []
+    return places if _spread(offset, places) < _TOGETHER * _spread(far, places) else []
 
 
 def at_one_place(campaign: Campaign, poses: PoseStack) -> PoseStack:
@@ -61,13 +61,13 @@ def _from_one_place(poses: PoseStack, places: Sequence[Indices]) -> tuple[FloatA
 
     0 in rows of no place, NaN without pose.
     """
-    left, middles, known = 0.0 * poses.position_m, np.zeros_like(poses.rotation), poses.complete
+    offset, middles, known = 0.0 * poses.position_m, np.zeros_like(poses.rotation), poses.complete
     for rows in (own[known[own]] for own in places):
         if rows.size:
-            left[rows] = poses.position_m[rows] - poses.position_m[rows].mean(axis=0)
+            offset[rows] = poses.position_m[rows] - poses.position_m[rows].mean(axis=0)
             middles[rows] = poses.rotation[rows] - poses.rotation[rows].mean(axis=0)
-    target = np.linalg.lstsq(middles.reshape(-1, 3), -np.nan_to_num(left).ravel(), rcond=1e-9)[0]
-    return left + middles @ target, np.asarray(target, dtype=np.float64)
+    target = np.linalg.lstsq(middles.reshape(-1, 3), -np.nan_to_num(offset).ravel(), rcond=1e-9)[0]
+    return offset + middles @ target, np.asarray(target, dtype=np.float64)
 
 
 def _spread(target: FloatArray, places: Sequence[Indices]) -> float:

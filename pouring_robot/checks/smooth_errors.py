@@ -66,7 +66,7 @@ class Aligned:
         """Return :attr:`smooth`, or the same without terms of slowly changing conditions."""
         terms = _smooth_terms(self.campaign, at_one_place(self.campaign, self.data.poses), with_time)
         turn = self.fit.frames.T_tracker_base.rotation
-        whole = (np.column_stack([_filled(terms, one, floor) for one in seen.T]) for seen, floor in self.residuals)
+        whole = (np.column_stack([_filled(terms, one, floor) for one in raw.T]) for raw, floor in self.residuals)
         return terms, np.concatenate([residual @ turn for residual in whole], axis=1)
 
     def joint_effect(self, rows: Indices) -> tuple[FloatArray, FloatArray]:
@@ -217,8 +217,8 @@ def leftover(terms: FloatArray, values: FloatArray, floor: float) -> tuple[Float
 
     Sizes are 0 in NaN rows; ``floor`` is the least deviation, in the unit of the values: the noise.
     """
-    _, left, scale = robust_fit(terms, values, floor)
-    return sized(left, scale)
+    _, residual, scale = robust_fit(terms, values, floor)
+    return sized(residual, scale)
 
 
 def sized(left: FloatArray, least: float) -> tuple[FloatArray, float]:
@@ -255,11 +255,11 @@ def robust_fit(terms: FloatArray, values: FloatArray, floor: float) -> tuple[Flo
             inverse = np.linalg.inv(weighted.T @ design + ridge)
             leverage = ((design @ inverse) * weighted).sum(axis=1)
             coefficients = inverse @ (weighted.T @ target)
-            left = (target - design @ coefficients) / np.clip(1.0 - leverage, 0.2, 1.0)
-            scale = max(robust_sigma(left), floor)
-            before, weight = weight, weights_of(np.abs(left) / scale)
+            residual = (target - design @ coefficients) / np.clip(1.0 - leverage, 0.2, 1.0)
+            scale = max(robust_sigma(residual), floor)
+            before, weight = weight, weights_of(np.abs(residual) / scale)
             if np.abs(weight - before).max(initial=0.0) < _STILL:
                 break
     full = np.full(values.size, np.nan)
-    full[known] = left
+    full[known] = residual
     return coefficients, full, scale

@@ -56,8 +56,8 @@ class Scatter:
     def _spectrum(self) -> tuple[FloatArray, FloatArray]:
         """Variance of the causes and square of the residuals in each direction that the frames leave free."""
         outside = scipy.linalg.null_space((self.free / np.maximum(np.linalg.norm(self.free, axis=0), 1e-300)).T)
-        seen = outside.T @ self.causes
-        power, directions = np.linalg.eigh(seen @ seen.T)
+        moved = outside.T @ self.causes
+        power, directions = np.linalg.eigh(moved @ moved.T)
         return np.maximum(power, 0.0), (directions.T @ (outside.T @ self.residual)) ** 2
 
     def _cost(self, logs: Sequence[float]) -> tuple[float, FloatArray]:
@@ -125,7 +125,7 @@ def check_noise(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
     along = (np.roll(moved, shift, axis=1) for shift in range(moved.shape[1]))  # each with each, itself among them
     more = (along, _by_own_place(campaign, data.drives[rows]), warm)
     tried = (_scatters(aligned, rows, effect, (*by_drive, *causes)) for causes in more)
-    if all(one.too_small for beside in tried for one in beside):
+    if all(one.too_small for group in tried for one in group):
         factor = min(one.factor for one in scatters)
         stated = campaign.metadata.sigma_position_m / MM
         message = (

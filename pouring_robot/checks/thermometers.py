@@ -60,11 +60,11 @@ def _jumps(campaign: Campaign) -> Iterator[DataFlag]:
     for name in readings(campaign) if len(campaign) >= 5 else ():
         values = campaign.conditions[name]
         before, now, after = values[:-2], values[1:-1], values[2:]
-        aside = now - 0.5 * (before + after)
-        limit = np.fmax(_SPIKE_K, 10.0 * robust_sigma(aside)) + 2.0 * np.abs(after - before)
-        rows = 1 + np.flatnonzero(np.abs(aside) > limit)
+        deviation = now - 0.5 * (before + after)
+        limit = np.fmax(_SPIKE_K, 10.0 * robust_sigma(deviation)) + 2.0 * np.abs(after - before)
+        rows = 1 + np.flatnonzero(np.abs(deviation) > limit)
         if rows.size:
-            largest, heading = float(np.abs(aside[rows - 1]).max()), campaign.heading(name)
+            largest, heading = float(np.abs(deviation[rows - 1]).max()), campaign.heading(name)
             message = f"column '{heading}' jumps by up to {largest:.0f} K and back at {where(campaign, rows)}"
             yield flagged(campaign, FlagCode.COLUMN_JUMP, message, rows, [name], {"largest_K": largest})
 

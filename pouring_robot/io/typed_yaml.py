@@ -238,7 +238,7 @@ def _said(model: type[pydantic.BaseModel], content: Any, problem: pydantic.Valid
     elif first["type"] == "missing":
         message = f"key '{where}' is missing"
     else:
-        unit = f", in {told}" if (told := _unit_of(model, content, location)) else ""
+        unit = f", in {shown}" if (shown := _unit_of(model, content, location)) else ""
         given = "" if isinstance(first["input"], dict | list) else f" (it is {first['input']!r})"
         said = _IN_YAML.get(first["type"]) or first["msg"].removeprefix("Value error, ")
         if first["type"] == "model_type":

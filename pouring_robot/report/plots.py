@@ -91,9 +91,9 @@ def svg_of(figure: Any) -> str:
     from lxml import etree
 
     _place(figure)
-    stream, unsaid = io.BytesIO(), dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    stream, omitted = io.BytesIO(), dict.fromkeys(("Date", "Creator", "Format", "Type"))
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "pouring_robot"}):
-        figure.savefig(stream, format="svg", transparent=True, metadata=unsaid)
+        figure.savefig(stream, format="svg", transparent=True, metadata=omitted)
     root = etree.fromstring(stream.getvalue())
     # About as large as drawn, so that a phone keeps the size of letters and scrolls, and a wide page does not enlarge
     # it; a page is 60rem wide at most.

@@ -169,10 +169,10 @@ def _label_arrows(picture: Image.Image, scene: Scene, view: View) -> None:
         left, right = sorted((float(tail[0]), float(tip[0])))
         if np.isfinite(right):
             label = f"{float(np.linalg.norm(at_step(item.vectors_m, scene.first))) * 1e3:.2f} mm"
-            font, aside = _font(round(1.1 * unit), True), 1.3 * unit
-            fits = right + aside + sheet.textlength(label, font) < view.columns
+            font, offset = _font(round(1.1 * unit), True), 1.3 * unit
+            fits = right + offset + sheet.textlength(label, font) < view.columns
             sheet.text(
-                (right + aside if fits else left - aside, float(tip[1])),
+                (right + offset if fits else left - offset, float(tip[1])),
                 label,
                 font=font,
                 fill=_bytes(tuple(0.8 * value for value in item.colour)),

@@ -67,7 +67,7 @@ class View:
 
 @dataclass(frozen=True)
 class Hits:
-    """What the rays met; arrays of shape (rows, columns) or (rows, columns, 3)."""
+    """Hits of the rays; arrays of shape (rows, columns) or (rows, columns, 3)."""
 
     depth: Floats  # distance from the eye, m; very large where nothing was met
     part: npt.NDArray[np.int32]  # number of the solid, -1 where nothing was met

@@ -277,6 +277,6 @@ def _arrow_parts(start: FloatArray, end: FloatArray, thickness_m: float) -> list
     cone = smooth(trimesh.creation.cone(radius=head / 2.6, height=head, sections=32))
     shaft = _made(trimesh.creation.cylinder, min(thickness_m, head / 7.0), length - head, _ROUND_SECTIONS)
     along = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), way).matrix()
-    # A cylinder is centred on its frame, a cone stands on it.
+    # A cylinder is centred on its frame, a cone has its base on it.
     places = {"shaft": (shaft, (start + neck) / 2.0), "head": (cone, neck)}
     return [(part, shape, pin.SE3(along, place).homogeneous) for part, (shape, place) in places.items()]
