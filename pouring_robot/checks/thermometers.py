@@ -184,10 +184,10 @@ def _one_in_another_unit(campaign: Campaign, hall: FloatArray, parts: Sequence[s
 def _begun_in_another_unit(campaign: Campaign, hall: FloatArray) -> Iterator[DataFlag]:
     """Find three parts or more that begin as warm as the hall (n,) is in kelvin or °F, and diverge from there.
 
-    All others begin cold. In a sound machine that begins so warm, the parts differ as much at first as later, in
-    proportion to their warmth. In a simulation of machines with parts up to 100 K warm at first and 100 to 250 K later,
-    which differ by 10 or 20 %, this test (°F) is met by two machines of a thousand with four parts, and five with
-    three: it is a warning.
+    All others begin cold. In a sound machine that begins so warm, the parts usually differ as much at first as later,
+    in proportion to their warmth. In a simulation of machines with parts up to 100 K warm at first and 100 to 250 K
+    later, which differ by 10 or 20 %, this test (°F) is met by two machines of a thousand with four parts, and five
+    with three: it is a warning.
     """
     parts = _warmed(campaign)
     warmth = {name: campaign.conditions[name] - hall for name in parts}
@@ -230,7 +230,7 @@ def _all_in_kelvin(campaign: Campaign) -> Iterator[DataFlag]:
 def _hottest(campaign: Campaign, name: str) -> float:
     """Return the highest median temperature a part may have, in °C: nearer to the hottest like it than in kelvin.
 
-    At least two others of its kind must be read; otherwise it is that of melting iron.
+    At least two others of its kind must be read; otherwise it is :data:`IRON_IN_KELVIN`.
     """
     kinds = campaign.robot.causes.thermometers if campaign.robot.causes else ()
     others = {other for kind in kinds if name in kind.members for other in kind.members if other != name}
