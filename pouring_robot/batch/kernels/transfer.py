@@ -8,7 +8,8 @@ with the twist J and comes after the earlier joints m has
 .. math:: G = (E^T W + L^T W^T) J, \quad E = u - \sum_{earlier} D_m \lambda_m, \quad L = -\sum_{later} D_m \lambda_m
 
 and a seat, which moves frame b and comes first, :math:`G = -(E + L)^T W^T J`. Passing joint k changes the matrix
-in front of J by the dyad of :math:`\lambda_k` and :math:`(W - W^T) D_k`, minus the bracket form of the wrench applied to D_k.
+in front of J by the dyad of :math:`\lambda_k` and :math:`(W - W^T) D_k`, minus the bracket form of the wrench applied
+to D_k.
 
 Matrices of six output rows are stored by column, so that a loop over rows reads consecutive memory.
 """
