@@ -13,7 +13,7 @@ from pouring_robot.inference.search import credible
 from pouring_robot.inference.thresholds import Thresholds
 
 _CLOSE = 12.0
-"""An effect whose evidence is further behind than this (nats) is no alternative."""
+"""How far behind in log evidence (nats), before anything is settled again, an effect may be as an alternative."""
 
 
 def alternatives(

@@ -201,7 +201,7 @@ def _unknown_size(discrepancy: Discrepancy, found: Judgement, rest: Callable[[],
 
 
 def _as_noise(discrepancy: Discrepancy, found: Judgement, kind: Indices) -> tuple[Judgement, Discrepancy]:
-    """Return the judgement under a larger noise, and its discrepancy, if no process explains anything under that noise.
+    """Return the judgement under a larger noise, and its discrepancy, if no process is clear under that noise.
 
     Causes without enough evidence under that noise are dropped. Of several ways in which the noise may be larger, the
     most evident one that does this is taken. Without any, both are returned unchanged.

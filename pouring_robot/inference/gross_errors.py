@@ -116,7 +116,7 @@ def _beyond(seen: RowResiduals, share: float) -> BoolArray:
 
 
 def _together(wrong: Indices, course: FloatArray) -> float:
-    """Return the probability that by chance as many of some rows have another of them as nearest neighbour."""
+    """Return the probability that by chance so many or more of some rows have another of them as nearest neighbour."""
     neighbours = KDTree(course).query(course[wrong], k=2)[1]
     nearest = np.where(neighbours[:, 0] == wrong, neighbours[:, 1], neighbours[:, 0])
     count, share = int(np.isin(nearest, wrong).sum()), (wrong.size - 1) / (len(course) - 1)

@@ -33,9 +33,9 @@ _POWER = 0.8
 class Thresholds:
     """Thresholds of evidence and size; a BadInputError where the rate of false names is not between 0 and 1."""
 
-    # accepted rate of false names where nothing is missing. An effect that is absent has a Bayes factor of K with a
-    # probability of at most 1 / K (Kerridge, Annals of Mathematical Statistics 34, 1963). As the forms of an effect
-    # share its probability, an effect needs a Bayes factor of one over this rate
+    # accepted rate of false names where nothing is missing. An effect that is absent has a Bayes factor of K or more
+    # with a probability of at most 1 / K (Kerridge, Annals of Mathematical Statistics 34, 1963). As the forms of an
+    # effect share its probability, an effect needs a Bayes factor of one over this rate
     false_names: float = 0.01
     # least evidence that an effect needs because many effects are tried, in nats (:func:`chance_level`)
     by_chance: float = 0.0
@@ -98,7 +98,7 @@ def chance_level(null: Hypothesis, rate: float, draws: int = CHANCE_DRAWS) -> fl
 
     A level that fewer than ten draws would determine is extrapolated from that of ten. Under the null a log evidence of
     x is exp(-x) times as likely as where something is at work, where more is no likelier than less. So of the draws
-    that exceed a level at most a share of 1/e exceeds it by one nat.
+    that exceed a level at most a share of 1/e exceeds it by a nat or more.
     """
     problem, every = null.problem, np.arange(len(null.problem.gram.projected), dtype=np.intp)
     inner = null.everything.inner(every, every)

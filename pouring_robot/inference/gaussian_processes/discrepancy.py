@@ -133,7 +133,7 @@ class Discrepancy(ProjectedProcesses):
         return OtherNoise(every, own, problem.nuisance.dof, len(problem.residual) if some is None else int(some.sum()))
 
     def structures(self, least_evidence: float = LITTLE_NATS) -> list[Structure]:
-        """Return what single processes find given the hypothesis, with at least ``least_evidence``, largest first."""
+        """Return what single processes find given the hypothesis, of ``least_evidence`` or more, most evident first."""
         found = sorted((f for f in self.alone if f.evidence >= least_evidence), key=lambda one: -one.evidence)
         count = len(self.hypothesis.problem.residual)
         return [
@@ -161,7 +161,7 @@ class Discrepancy(ProjectedProcesses):
             names = self._names(least_evidence)
             own = self.hypothesis.worth(indices) + self._together(names)
             lead = own - elsewhere()
-        if not 0.0 < lead < 2.0 * least_evidence:  # a process that the search left out has no more evidence
+        if not 0.0 < lead < 2.0 * least_evidence:  # one more that the search left out has less than this
             return lead
         more, instead = self._more(names), rest._more(names)
         # What a process also explains together with the cause does not replace the cause.
