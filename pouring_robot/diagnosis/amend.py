@@ -66,8 +66,8 @@ def stands_still(parameter: EffectParameter, inside: Sequence[str]) -> bool:
 def _found(diagnosis: Findings) -> FoundByKey:
     """Return parameters by effect and form, as the amended robot has them.
 
-    Values are those with which its loops were closed. A parameter that the last search dropped as too small to matter
-    is still in it; its standard deviation is that of its prior.
+    Values are those with which its loops were closed. A parameter that was dropped at the last settling, as too small
+    to matter, is still in it; its standard deviation is that of its prior.
     """
     left, found = diagnosis.after.by_parameter, FoundByKey()
     for key, parameters in diagnosis.parameters:

@@ -330,8 +330,8 @@ class Diagnoser:
                 there = self._put_in(put, values, frames)
                 gone = before - self._signature(put, values, linear) - linear.frame_columns @ (share * step)
                 off = there.alone.of(self.fitted).residual - (linear.residual + gone)
-                # A step whose error is more than half of its length is beyond the range of the derivatives, and one
-                # that gains less than half of what it should may oscillate: both are halved.
+                # A step whose error is more than half of its length is beyond the range of the derivatives, and may
+                # oscillate if it gains less than half of what it should: with both it is halved.
                 predicted = now + gone
                 reached = predicted + off
                 gains = reached @ reached <= 0.5 * (now @ now + predicted @ predicted)

@@ -159,8 +159,8 @@ def observable_directions(columns: FloatArray) -> FloatArray:
     Along one about which they say less than :data:`FRAME_STD`, the prediction changes by less than its noise. Left
     free, such a direction (tracker and target about an axis that all rows share) would explain second-order terms.
     """
-    _, observable, directions = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(directions[observable > 1.0 / FRAME_STD].T)
+    _, sizes, directions = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(directions[sizes > 1.0 / FRAME_STD].T)
 
 
 class CampaignRows:

@@ -59,7 +59,7 @@ class Searched:
     settled: bool = True  # whether the residual is as large as that noise, where the noise is estimated from it
     # the larger noise as which the residual under the stated noise scatters; this was found under the larger one
     larger_noise: LargerNoise | None = None
-    stated: NoiseLevel | None = None  # the noise before that, if it differs from the diagnoser's
+    stated: NoiseLevel | None = None  # the noise before that; None where it is the diagnoser's
 
     @property
     def noise(self) -> NoiseLevel:

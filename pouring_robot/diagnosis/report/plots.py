@@ -230,7 +230,7 @@ def _rival_panel(axes: Any, hypothesis: Hypothesis, cause: Cause) -> None:
 
 
 def evidence_steps(hypothesis: Hypothesis) -> list[tuple[str, float]]:
-    """Return the log evidence, relative to no explanation, as they are added in the order they were found."""
+    """Return the log evidence over that without explanations, as these are added in the order they were found."""
     current = replace(hypothesis, items=(), scales=()).settled()
     start, steps = current.log_evidence, []
     for item, scale in zip(hypothesis.items, hypothesis.scales, strict=True):

@@ -90,7 +90,7 @@ def _rivals(best: Hypothesis, cause: Cause, wanted: Collection[str] | None, idle
 
 
 def _descriptions(diagnosis: Findings, prospect: PredictedMeasurements, best: Hypothesis) -> list[Contender]:
-    """Return the descriptions that best explain what no effect does; if there is only one, also the best hypothesis."""
+    """Return the descriptions that best explain what no effect does; with fewer than two, also the best hypothesis."""
     judgement = diagnosis.judgement
     named: list[tuple[Structure | Challenge, Hypothesis]] = [(found, best) for found in judgement.structures]
     named += [(better, _less(best, cause)) for cause, better in judgement.challenged if better.margin > 0.0]

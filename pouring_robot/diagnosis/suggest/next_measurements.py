@@ -82,7 +82,7 @@ class SuggestedMeasurement:
 
     @property
     def words(self) -> str:
-        """What to command, the resulting pose, and the conditions."""
+        """What to command (with drives also the position that they lead to), and the conditions."""
         given, robot = self.conditions, self.robot
         place = in_mm_deg(self.pose)
         x, y, z = (place.pop(f"{axis}_mm") for axis in "xyz")
