@@ -32,7 +32,7 @@ class NominalRows:
     own_force: FloatArray | None  # of the links' weight on each drive, (n, D); None: not counted, or no inertias drawn
     own_moment: FloatArray | None  # and on each turn, (n, T); None in closed loops, too
     slides_m: Mapping[str, FloatArray]  # values of sliding joints, (n,)
-    payload_m: FloatArray | None  # place of the payload on the end body, (3,); None where the campaign has it, a tare
+    payload_m: FloatArray | None  # of the payload on the end body, (3,); None where the campaign states it, with a tare
 
 
 def nominal_rows(robot: RobotDefinition, engine: Engine, closure: BatchClosure) -> NominalRows:

@@ -332,7 +332,7 @@ def compensate_under(
     """Return what brings a robot to wanted poses, where what its effects do depends on what is commanded.
 
     The robot as it is at the last commands is compensated for the poses, until commands no longer change; ``bring``
-    compensates such a robot, which does not change, for the pose of a number.
+    compensates such a robot, which does not change, for the pose of an index.
 
     Raises UnsettledCommandsError if commands do not settle, and as ``bring`` and :meth:`RobotUnderConditions.robots`.
     """

@@ -104,7 +104,7 @@ class TorsionalCompliance(_Yielding):
     """Turning drives yield to the moment on them."""
 
     # rated moment of each drive, in Nm; by default all alike. Gears of similar shape and material under the same stress
-    # wind up by the same angle: one rated for less is more compliant in proportion. Their mean does not change.
+    # wind up by the same angle: one rated for less is more compliant in proportion. Their geometric mean is 1.
     strengths: Sequence[float] = ()
 
     def __post_init__(self) -> None:
