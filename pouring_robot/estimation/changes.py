@@ -16,7 +16,7 @@ SCALE = "metrology.scale"
 
 @dataclass(frozen=True, eq=False)
 class RowChanges:
-    """What conditions change in each of n rows, in m and rad."""
+    """Changes in each of n rows, in m and rad."""
 
     drives: FloatArray  # added to the commanded drives, (n, D)
     placements: FloatArray  # displacement of every site, (n, sites * 6)

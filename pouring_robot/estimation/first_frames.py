@@ -28,7 +28,7 @@ def first_frames(rows: ModelledRows, measured: MeasuredPoses) -> Unknowns:
     """Return where to start: both outer frames fitted robustly for the present robot, all parameters zero.
 
     Where too few rows have a complete position, single coordinates and distances are used; without any, there are no
-    frames, and both stay the identity. Raises FrameFitError if positions were measured, but in too few rows.
+    frames, and both stay the identity. Raises FrameFitError if too few rows were measured, or rotations alone.
     """
     closure = rows.present()
     poses = PoseStack(closure.position, closure.rotation)

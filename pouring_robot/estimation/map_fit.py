@@ -129,7 +129,7 @@ class Fit:
 
     @property
     def inflation(self) -> float:
-        """Ratio of residuals to noise where that is not chance, else 1: standard deviations are multiplied by it."""
+        """Ratio of residuals to noise where that is not chance, else 1; the noise counts as so many times larger."""
         larger = self.noise_ratio()
         if larger <= 1.0:  # as with no degree of freedom
             return 1.0
@@ -138,14 +138,14 @@ class Fit:
 
     @property
     def interval_dof(self) -> float:
-        """Degrees of freedom of the standard deviations: those of the noise, unless residuals enlarge these."""
+        """Degrees of freedom of the standard deviations: those of the noise; infinite where residuals enlarge it."""
         return self.noise.dof if self.inflation == 1.0 else math.inf
 
     @property
     def inflated_covariance(self) -> FloatArray:
         """Covariance of all unknowns under the inflated noise, (12 + P, 12 + P), in m and rad.
 
-        The information of the data, C^-1 - P^-1, is reduced by the inflation; the tolerances P hold as before.
+        The information of the data, C^-1 - P^-1, is divided by the inflation squared; the tolerances P hold as before.
         """
         more, share = self.inflation**2 - 1.0, self.covariance / self._scale
         return np.asarray(self._scale * (1.0 + more) * np.linalg.solve(np.eye(len(share)) + more * share, share))

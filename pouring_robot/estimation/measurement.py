@@ -317,7 +317,7 @@ class ModelledRows:
         return Prediction.of(closure, unknowns.frames, self._base(unknowns), scale)
 
     def _placed(self, errors: FloatArray) -> FloatArray:
-        """Return the displacements of sites, (sites * 6,), or row by row, (n, sites * 6), given those of all rows."""
+        """Return the displacements of sites, (sites * 6,), or row by row, (n, sites * 6), from those by parameters."""
         return errors.ravel() + self.changes.placements if self.changes else errors.ravel()
 
     def _base(self, unknowns: Unknowns) -> FloatArray | None:

@@ -286,7 +286,7 @@ def alike(campaign: Campaign, rows: Indices, keys: NDArray[np.int64]) -> list[In
 
 
 def _levels(values: FloatArray, apart: float) -> NDArray[np.int64]:
-    """Return values (n,) as numbers that are equal where values are less than ``apart`` above the least; NaN: -1.
+    """Return the level of values (n,) by number; those of one are less than ``apart`` above its least; NaN: -1.
 
     Levels start at the values themselves: those of a fixed scale would separate readings on both sides of a step.
     """
