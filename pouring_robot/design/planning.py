@@ -229,7 +229,7 @@ class Planner:
         return CandidateSet(visits, self.nuisance, place, kind, self._inverse_std(self.parameters)), slots
 
     def _ordered(self, visits: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
-        """Return the visits in a practicable order: the heat changes least often, then load; ways between are short."""
+        """Return the visits in a practicable order: by rising heat, then by load, with short ways between poses."""
         lower, upper = self.poses.min(axis=0), self.poses.max(axis=0)
         scaled = (self.poses - lower) / np.maximum(upper - lower, 1e-12)
         ordered: list[tuple[int, int, int]] = []
