@@ -198,7 +198,7 @@ class Discrepancy(ProjectedProcesses):
         return next((one for one in known if len(one.members) >= most), known[-1])
 
     def _growing(self, least_evidence: float) -> Iterator[ProcessSum]:
-        """Yield sums with one process more each time, beginning with none."""
+        """Yield sums with one process added each time, for which others may drop out, beginning with none."""
         chosen, tried = ProcessSum(self), {one.name: one for one in self.alone}
         yield chosen
         while best := _best(tried, chosen, least_evidence):
