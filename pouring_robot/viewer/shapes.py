@@ -4,6 +4,7 @@ A solid's shape is the triangles of a robot's visual geometry, of any kind in th
 """
 
 import io
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -50,6 +51,9 @@ def visual_model(model: pin.Model, urdf_text: str) -> pin.GeometryModel:
     try:
         return pin.buildGeomFromUrdfString(model, urdf_text, pin.GeometryType.VISUAL)
     except (ValueError, RuntimeError) as error:
+        if file := re.search(r"Could not load resource (.+)", str(error)):  # the rest is for who wrote the reader
+            why = "this mesh is missing or broken; put it there, or take it out of the URDF"
+            raise DescriptionError(file[1], why) from error
         raise DescriptionError("robot description", f"its visual geometry cannot be read: {error}") from error
 
 

@@ -232,7 +232,7 @@ def test_a_group_is_of_one_unit_and_no_drive_is_in_none(arm, groups, found):
         ("joint: reach", "joint: mount", "'mount' is fixed; a drive slides or turns"),
         ("joint: shoulder, column: turn, ratio: 0.5", "joint: shoulder, mm_per_turn: 5", "turns, so it has no mm_per"),
         ("ratio: 0.5", "ratio: 0", "a ratio of 0 moves nothing"),
-        ("column: turn", "column: reach", "two drives have the column 'reach'"),
+        ("column: turn", "column: reach", "two drives have the column 'reach'; .*mimic"),
         ("name: two_joints", "name: two joints", "line 2"),
         ("drives:", "groups: {g: [elbow]}\ndrives:", "group 'g' names 'elbow', which is no drive"),
         ("drives:", "groups: {g: []}\ndrives:", "group 'g' names no drive"),

@@ -104,7 +104,8 @@ class RobotFile(StrictModel):
             raise ValueError(f"'{min(both)}' is a drive; strike it from locked_joints and travel")
         twice = {column for column in columns if columns.count(column) > 1}
         if twice:
-            raise ValueError(f"two drives have the column '{min(twice)}'")
+            mend = "name one otherwise; of joints that move together let one be the drive, and the others mimic it"
+            raise ValueError(f"two drives have the column '{min(twice)}'; {mend}")
         return self
 
     @property
