@@ -113,6 +113,13 @@ def test_what_to_measure_next(found, unchanged):
         assert [any(said in line for line in next_measurements(one)) for one in (found, other)] == [False, True]
 
 
+def test_a_plan_is_suggested_for_the_target_that_was_seen(unchanged, clean):
+    """Positions alone tell the lip by where the target sits; how far along y, only together with the base."""
+    hidden_mm = 1e3 * clean.pose_platform_to_target.translation
+    (told,) = re.findall(r"--target-mm (\S+) \S+ (\S+) ", next_measurements(unchanged)[0])
+    assert [float(figure) for figure in told] == pytest.approx(hidden_mm[[0, 2]], abs=1.0)
+
+
 @pytest.mark.parametrize(
     ("layout", "named"),
     [({"layout": "wide"}, "--layout wide"), ({"layouts_file": "x.yaml"}, "--model calibrated.yaml")],
