@@ -21,11 +21,12 @@ _SHORTEST_RUN = 4
 _NAMED = 8
 _ATTITUDE = 3  # this many unknown columns may be a rotation, as angles or as a quaternion
 _AS_ROTATION_VECTOR = (
-    "if they hold the rotation, give it as a rotation vector, rx_rad, ry_rad, rz_rad (SciPy: "
-    "Rotation.from_quat([x, y, z, w]).as_rotvec(), or from_euler('ZYX', [a, b, c], degrees=True)); else all is well"
+    "if they hold the rotation, convert it to a rotation vector, rx_rad, ry_rad, rz_rad (SciPy: "
+    "Rotation.from_quat([x, y, z, w]).as_rotvec(), or from_euler('ZYX', [a, b, c], degrees=True)); otherwise "
+    "nothing is wrong"
 )
-_PLANE = "if a probe touched a plane, such as a print bed, all is well; else the sensor hung: measure again"
-_SOCKET = "if it was put to places that are known, as a ball into sockets, all is well; else measure again"
+_PLANE = "nothing is wrong if a probe touched a plane, such as a print bed; otherwise the sensor froze: measure again"
+_SOCKET = "nothing is wrong if it was held at known places, such as a ball in sockets; otherwise measure again"
 _SHUFFLED = 0.25  # share of the steps that go back in time; in a shuffled column it is one half
 
 
@@ -57,7 +58,7 @@ def _another_robot(campaign: Campaign) -> Iterator[DataFlag]:
     """Find a campaign of another robot whose columns happen to fit; files that name none count as this one's."""
     named, robot = campaign.metadata.robot, campaign.robot.name
     if named and named != robot:
-        message = f"the YAML file names the robot '{named}', and the rows were read as those of '{robot}'"
+        message = f"the YAML file names the robot '{named}', but the rows were read for '{robot}'"
         yield flagged(campaign, FlagCode.ANOTHER_ROBOT, message)
 
 
@@ -76,7 +77,7 @@ def _row_count(campaign: Campaign) -> Iterator[DataFlag]:
         yield flagged(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, severity=severity, remedy=mend)
     elif campaign.values_measured < FEW_VALUES:
         message = f"{usable} rows are few: they hold {campaign.values_measured} measured values"
-        remedy = f"measure at least {FEW_VALUES} values, better three times as many, spread over the workspace"
+        remedy = f"measure at least {FEW_VALUES} values, preferably three times as many, spread over the workspace"
         yield flagged(campaign, FlagCode.TOO_FEW_ROWS, message, metrics=metrics, remedy=remedy)
     if usable >= FEWEST_FOR_FRAMES > poses:
         message = f"{usable} rows show only {counted(poses, 'different pose')}"
@@ -143,7 +144,7 @@ def _no_lengths(campaign: Campaign) -> Iterator[DataFlag]:
     values = campaign.quantity(columns.DISTANCE)
     rows = np.flatnonzero([] if values is None else values <= 0.0)
     if rows.size:
-        message = f"{where(campaign, rows)}: a distance of 0 or less, which has no direction and tells nothing"
+        message = f"{where(campaign, rows)}: a distance of 0 or less, which cannot be used"
         yield flagged(campaign, FlagCode.NO_LENGTH, message, rows, [columns.DISTANCE], {"rows": float(rows.size)})
 
 
@@ -211,21 +212,19 @@ def _time(campaign: Campaign) -> Iterator[DataFlag]:
     if steps < _SHUFFLED * len(campaign):
         code, at, said = FlagCode.TIME_NOT_INCREASING, rows, f"does not increase at {where(campaign, rows)}"
     elif backwards:  # temperatures are as smooth backwards as forwards
-        said = "falls from row to row: the newest row comes first"
-        remedy = "sort the rows of each session by time, so that its oldest comes first"
+        said = "decreases from row to row: the newest row comes first"
+        remedy = "sort the rows of each session by time, oldest first"
     else:
-        said = f"runs in no order, it falls {steps} times"
+        said = f"is in no order: it decreases {steps} times"
         # Temperatures are smooth in the order in which they were read, whatever the order of the rows.
         rougher = _roughness(campaign, np.argsort(time, kind="stable")) - _roughness(campaign, slice(None))
         if rougher < 0.0:
-            said += "; the temperatures run smoothly by it"
+            said += "; sorted by it, the temperatures are smooth"
             code, severity = FlagCode.TIME_NOT_INCREASING, Severity.NOTE
-            remedy = (
-                "all is well if the rows were sorted; put them in the order of time, so that jumps can be looked for"
-            )
+            remedy = "nothing is wrong if the rows were sorted; sort them by time, so that jumps can be detected"
         else:
-            said += ", and is not that of the rows"
-            said += "; the temperatures run smoothly by row" if rougher > 0.0 else ""
+            said += ", and does not belong to these rows"
+            said += "; in the order of the rows, the temperatures are smooth" if rougher > 0.0 else ""
     figures, message = {"rows": float(len(rows)), "falls": float(steps)}, f"column '{campaign.heading('time')}' {said}"
     yield flagged(campaign, code, message, at, ["time"], figures, severity=severity, remedy=remedy)
 
@@ -258,12 +257,12 @@ def _ignored(campaign: Campaign) -> Iterator[DataFlag]:
     unused = [name for name in others if name.rpartition("_")[2] in UNITS["temperature"]]
     if unused:
         parts = some((columns.AMBIENT, *campaign.robot.thermometers), _NAMED)
-        message = f"{_headings(unused)}: no part of the robot is called so, and what is read there is not used"
+        message = f"{_headings(unused)}: the robot has no part of that name, so the readings are not used"
         remedy = f"{FlagCode.UNUSED_TEMPERATURE.remedy}; parts: {parts}"
         yield replace(flagged(campaign, FlagCode.UNUSED_TEMPERATURE, message, remedy=remedy), columns=tuple(unused))
         others = [name for name in others if name not in unused]
     if others:
-        message, severity, remedy = f"{_headings(others)}: no part of a campaign, left out", Severity.NOTE, ""
+        message, severity, remedy = f"{_headings(others)}: not a campaign column, left out", Severity.NOTE, ""
         if campaign.position_measured.any() and not campaign.full_pose and len(others) >= _ATTITUDE:
             message += "; no rotation was read"
             severity, remedy = Severity.WARNING, _AS_ROTATION_VECTOR

@@ -71,7 +71,7 @@ def _travels(campaign: Campaign, drawing: Drawing) -> Iterator[DataFlag]:
         factors = [(1.0, ""), *LENGTH_MISTAKES]
         fits = (w for f, w in factors if np.mean(np.abs(values * f) <= reach) > _NEARLY_ALL)
         if wrong := next(fits, ""):
-            said = f"{wrong}: it comes to {largest:g} m, and the axis ends at {high:g} m"
+            said = f"{wrong}: it reaches {largest:g} m, and the axis ends at {high:g} m"
             yield wrong_unit(campaign, name, said, {"largest_m": largest, "limit_m": high})
         else:
             far = np.abs(campaign.conditions[name]) > reach
@@ -125,7 +125,8 @@ def _pauses(campaign: Campaign, drawing: Drawing, drives: FloatArray) -> Iterato
     middle = float(np.median(pauses)) if len(pauses) >= _FEWEST_PAUSES else LEAST_PAUSE_S
     if middle < LEAST_PAUSE_S and np.ptp(time[np.isfinite(time)]) > 0.0:
         said = (
-            f"minutes or hours under a heading in s: between two poses there are {middle:.2g} s to stand still (median)"
+            f"minutes or hours under a heading in s: only {middle:.2g} s remain to stand still between two poses "
+            "(median)"
         )
         # A quick robot may be measured on the way: then only what is said of times is wrong.
         yield wrong_unit(campaign, "time", said, {"pause_s": middle}, Severity.WARNING)

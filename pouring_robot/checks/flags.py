@@ -50,24 +50,29 @@ class FlagCode(enum.StrEnum):
         return code
 
     ANOTHER_ROBOT = _warning(
-        "another_robot", "name its robot file (--robot), or, if this is the one, correct 'robot' in the YAML"
+        "another_robot", "give its robot file by --robot, or correct 'robot' in the YAML if this is the right robot"
     )
-    TOO_FEW_ROWS = _warning("too_few_rows", f"measure at least {FEW_ROWS} poses, better 60, spread over the workspace")
-    ONE_POSE = _error("one_pose", "command poses that differ in all drives; repeats alone cannot fix the frames")
+    TOO_FEW_ROWS = _warning(
+        "too_few_rows", f"measure at least {FEW_ROWS} poses, preferably 60, spread over the workspace"
+    )
+    ONE_POSE = _error(
+        "one_pose", "command poses that differ in all drives; repeats of one pose cannot determine the frames"
+    )
     REPEATED_ROWS = _warning(
         "repeated_rows",
-        "copies are left out, as a second measurement would differ by its noise; remove them from the file",
+        "copies are left out, since a real repeat would differ by its noise; remove them from the file",
     )
     NO_LENGTH = _warning(
         "no_length",
-        "if the device was set to zero there, add the length that it then had to all; else empty these cells",
+        "if the device was zeroed there, add its length at that moment to all distances; otherwise empty these cells",
     )
     STUCK_COLUMN = _warning(
-        "stuck_column", "the sensor hung or cells were filled down; empty these cells, or measure them again"
+        "stuck_column", "the sensor froze or cells were filled down; empty these cells, or measure them again"
     )
-    COLUMN_JUMP = _warning("column_jump", "a loose sensor or a typing error; empty these cells, or correct them")
+    COLUMN_JUMP = _warning("column_jump", "probably a loose sensor or a typing error; empty or correct these cells")
     BAD_APPROACH = _error(
-        "bad_approach", "write +1 where the drive was rising when it stopped, -1 where falling, nothing where unknown"
+        "bad_approach",
+        "write +1 if the drive value was increasing before the stop, -1 if decreasing, nothing if unknown",
     )
     TIME_NOT_INCREASING = _warning(
         "time_not_increasing",
@@ -75,37 +80,39 @@ class FlagCode(enum.StrEnum):
     )
     SESSIONS_OF_ROWS = _warning(
         "sessions_of_rows",
-        "they are taken for labels of rows, and all rows for one session; give what was measured in one go one session",
+        "they are taken as row labels, and all rows as one session; give rows measured in one go the same session",
     )
     NO_NOISE_LEVEL = _warning(
         "no_noise_level",
-        "state the standard deviation of one measured component, from the device's data or from repeats",
+        "state the standard deviation of one measured component, from the device's data sheet or from repeats",
     )
     NO_TEMPERATURES = _note(
         "no_temperatures",
-        "effects of heat cannot be tested; record the temperature of the parts that warm (<part>_degC)",
+        "effects of heat cannot be tested; record the temperature of the parts that warm up (<part>_degC)",
     )
     MISSING_DRIVES = _warning("missing_drives", "these rows cannot be used; fill in what was commanded")
-    IGNORED_COLUMNS = _note("ignored_columns", "rename them if they hold a condition; else all is well")
+    IGNORED_COLUMNS = _note("ignored_columns", "rename them if they hold a condition; otherwise nothing is wrong")
     UNUSED_TEMPERATURE = _warning(
         "unused_temperature", "name each after the part whose temperature it is, or leave it out"
     )
     CONDITION_UNIT = _error("condition_unit", "correct the unit at the end of the column's name, or convert the column")
     IMPOSSIBLE_CONDITION = _error("impossible_condition", "correct these cells, or empty them; check the unit, too")
     CONDITIONS_EXCHANGED = _error("conditions_exchanged", "put the headings over the right columns")
-    TIME_SHUFFLED = _error("time_shuffled", "put each row's own time beside it, or leave the column out")
+    TIME_SHUFFLED = _error("time_shuffled", "give each row its own time, or leave the column out")
     NOISE_TOO_SMALL = _warning(
         "noise_too_small",
-        "state what repeats of a pose scatter by; with too small a figure every accident looks like an effect",
+        "state the standard deviation of repeats of a pose; with too small a noise, chance looks like an effect",
     )
     ROUNDED_DRIVES = _warning(
-        "rounded_drives", "export the drives with all their digits; until then state a noise that holds the rounding"
+        "rounded_drives", "export the drives with all their digits; until then state a noise that includes the rounding"
     )
-    NOT_COMPARED = _warning("not_compared", "measure whole positions, too")
+    NOT_COMPARED = _warning("not_compared", "measure complete positions, too")
     DRIVE_UNIT = _error("drive_unit", "correct the unit at the end of the column's name")
     POSITION_UNIT = _error("position_unit", "correct the unit at the end of the columns' names")
     DISTANCE_UNIT = _error("distance_unit", "correct the unit at the end of the column's name")
-    DISTANCE_ZERO = _warning("distance_zero", "add to all what the device takes for nothing, as a draw wire's zero")
+    DISTANCE_ZERO = _warning(
+        "distance_zero", "add the missing length to all distances, such as a draw wire's length at its zero"
+    )
     ROTATION_UNIT = _error("rotation_unit", "correct the unit at the end of the columns' names")
     FRAMES_SWAPPED = _error("frames_swapped", "exchange base and target in the tracker's export, or invert every pose")
     ROTATION_INVERTED = _error(
@@ -115,11 +122,14 @@ class FlagCode(enum.StrEnum):
     MIRRORED_AXES = _error("mirrored_axes", "check order and signs of x, y and z in the tracker's export")
     DRIVE_REVERSED = _error(
         "drive_reversed",
-        "reverse the sign of the column; if the controller counts so, give the drive a negative ratio in its file",
+        "reverse the sign of the column; if the controller counts this way, give the drive a negative ratio "
+        "in the robot file",
     )
-    DRIVE_ZERO = _error("drive_zero", "if the controller counts so, give the drive its zero in the robot file")
+    DRIVE_ZERO = _error(
+        "drive_zero", "if the controller counts from there, set the zero of this drive in the robot file"
+    )
     DRIVE_ABSOLUTE = _error(
-        "drive_absolute", "convert the column; joints of the drawing turn against the link before them"
+        "drive_absolute", "convert the column; joint angles of the drawing are relative to the previous link"
     )
     DRIVES_EXCHANGED = _error("drives_exchanged", "put the headings over the right columns")
     NO_AGREEMENT = _error(
@@ -139,13 +149,13 @@ class FlagCode(enum.StrEnum):
     )
     TARGET_MOVED = _warning(
         "target_moved",
-        "if the target was mounted anew there, or a drive's zero set, put each session into a campaign of its own",
+        "if the target was remounted or a drive's zero was reset in between, make each session a campaign of its own",
     )
     OUTLIER = _warning("outlier", "measure the pose again, or leave the row out")
     MEASUREMENT_JUMP = _warning(
         "measurement_jump",
-        "if the tracker was moved, name a new session there; if the target was, put the rows from there into a "
-        "campaign of their own; if neither, the robot's base has settled",
+        "if the tracker was moved, start a new session there; if the target was, put the rows from there on into a "
+        "separate campaign; if neither, the robot's base has settled",
     )
 
 
@@ -154,17 +164,17 @@ ROW_CODES = (FlagCode.OUTLIER, FlagCode.UNREACHABLE_POSE, FlagCode.UNREACHABLE_D
 
 _UNDONE = {
     FlagCode.DRIVE_UNIT: "the unit of {} corrected",
-    FlagCode.DRIVE_REVERSED: "the sign of {} turned",
+    FlagCode.DRIVE_REVERSED: "the sign of {} reversed",
     FlagCode.DRIVE_ZERO: "{} counted from the other zero",
     FlagCode.DRIVE_ABSOLUTE: "{} counted from the link before",
     FlagCode.DRIVES_EXCHANGED: "{} exchanged back",
     FlagCode.POSITION_UNIT: "the unit of {} corrected",
     FlagCode.FRAMES_SWAPPED: "the measured poses inverted",
-    FlagCode.MIRRORED_AXES: "signs and order of {} put right",
+    FlagCode.MIRRORED_AXES: "signs and order of {} corrected",
     FlagCode.ROTATION_UNIT: "the unit of {} corrected",
-    FlagCode.ROTATION_INVERTED: "the sign of {} turned",
+    FlagCode.ROTATION_INVERTED: "the sign of {} reversed",
     FlagCode.EULER_ANGLES: "{} converted to a rotation vector",
-    FlagCode.APART_SESSIONS: "frames of its own for each session",
+    FlagCode.APART_SESSIONS: "separate frames for each session",
 }
 """Mistakes that are undone when found, for the checks and figures that follow."""
 
@@ -220,7 +230,7 @@ def stuck(campaign: Campaign, name: str, value: float, rows: Indices, severity: 
     lines = campaign.lines[rows[[0, -1]]]
     message = f"column '{campaign.heading(name)}' keeps one value from line {lines[0]} to line {lines[1]}"
     if name in columns.drive_names(campaign.robot):
-        remedy = "if the drive really stood still its errors cannot be found; else mend the column"
+        remedy = "if the drive really stood still, its errors cannot be found; otherwise correct the column"
     else:
         message += " while the rest of the row changes"
     metrics = {"rows": float(rows.size), "value": float(value)}

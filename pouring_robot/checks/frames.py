@@ -43,8 +43,11 @@ _SUSPECT_M, _SUSPECT_TURN_RAD = 1e-3, 5e-4
 """A robot's errors explain misfits below these; no mistake of units is looked for."""
 _HOPELESS_RAD = 0.05  # see HOPELESS_M
 _HOPELESS_SHARE = 0.02  # share of the spread of the measured positions: large robots may be off by more
-_ROUGH = "if the robot is so far off, as a wrist that ropes drive, all is well; else check the rows and the drawing"
-_LIMITS = "if the robot stood there, correct the limits in the URDF; else check the drives' columns and units"
+_ROUGH = (
+    "nothing is wrong if the robot is that far off, such as a rope-driven wrist; otherwise check the rows and "
+    "the drawing"
+)
+_LIMITS = "if the robot stood there, correct the limits in the URDF; otherwise check the drives' columns and units"
 _SUSPECT_SIGMAS = 20.0
 _EQUAL = 1.5
 _ROUGHLY = 3.0  # times the least rough misfit: twice the _EQUAL that applies once fitted
@@ -85,8 +88,8 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
     if moved < _SET_UP_ANEW_M or before < _TIMES_BETTER * after:
         return campaign, remounted
     message = (
-        f"sessions measured from places up to {moved:.3g} m apart: from one place they miss the robot by "
-        f"{before / MM:.3g} mm a coordinate, with frames of their own by {after / MM:.3g} mm"
+        f"sessions were measured from places up to {moved:.3g} m apart: seen from one place, they miss the robot by "
+        f"{before / MM:.3g} mm per coordinate; with a frame for each session, by {after / MM:.3g} mm"
     )
     together = dataclasses.replace(together, distance_m=campaign.distance_m)
     return together, [flagged(campaign, FlagCode.APART_SESSIONS, message, metrics={"apart_m": moved}), *remounted]
@@ -118,8 +121,9 @@ def _targets_moved(campaign: Campaign, everything: Comparison, shared: FrameFit 
             one = " and ".join(f"{before / si:.3g} {unit}" for before, _, _, si, unit in sizes)
             other = " and ".join(f"{after / si:.3g} {unit}" for _, after, _, si, unit in sizes)
             message = (
-                f"session '{session}' agrees with another place of the target on the robot: with that of all sessions "
-                f"its rows miss the robot by {one} a component, with one of its own by {other}"
+                f"in session '{session}' the target seems to sit elsewhere on the robot: with the place of "
+                "all sessions, "
+                f"the rows miss the robot by {one} per component; with a place of its own, by {other}"
             )
             severity = Severity.ERROR if hopeless else Severity.WARNING
             yield flagged(campaign, FlagCode.TARGET_MOVED, message, members, severity=severity)
@@ -174,7 +178,7 @@ class FrameChecks:
                 if not 0.0 < moved < _LEAST_USED * (high - low) and _mostly_within(known * factor + zero, low, high):
                     median = float(np.median(np.abs(known)))
                     message = f"column '{self.campaign.heading(drive.column)}' seems to hold {mistake}: its values"
-                    message += f" come to {median:g} {drive.unit} (median)"
+                    message += f" would be {median:g} {drive.unit} (median)"
                     metrics = {f"median_{drive.unit}": median, "factor": factor}
                     self._found(FlagCode.DRIVE_UNIT, message, [drive.column], metrics)
                     drives[:, index] = (values - zero) * factor + zero
@@ -192,17 +196,17 @@ class FrameChecks:
         rows = np.flatnonzero(complete & (beyond.any(axis=1) | ~self.data.poses.complete))
         if not rows.size:
             return
-        message = f"the robot cannot take the drive values of {where(self.campaign, rows)}"
+        message = f"the robot cannot reach the drive values of {where(self.campaign, rows)}"
         names = columns.drive_names(self.campaign.robot)
         if wound := self._whole_turns_beyond(rows):
             names = tuple(self.campaign.robot.drives[k].column for k in wound)
             headings = ", ".join(f"'{self.campaign.heading(name)}'" for name in names)
             several = len(names) > 1
-            message += f": there {headings} stand{'s' * (not several)} whole turns beyond the limits of the "
-            message += f"joint{'s' * several}, as encoders that wrap do; count on within them"
+            message += f": there {headings} {'are' if several else 'is'} whole turns beyond the limits of the "
+            message += f"joint{'s' * several}, as with encoders that wrap; add or subtract whole turns"
         elif beyond[rows].any(axis=1).all():
             names, far = self._over(rows)
-            message += f": beyond the limits of its joint is {far}"
+            message += f": beyond the joint limits is {far}"
             remedy = _LIMITS
         figures, code = {"rows": float(rows.size)}, FlagCode.UNREACHABLE_DRIVES
         self.flags.append(flagged(self.campaign, code, message, rows, names, figures, remedy=remedy))
@@ -247,12 +251,12 @@ class FrameChecks:
                 self._found(mistake.code, mistake.told, mistake.names, {})
                 self.data = undone
         message = (
-            "drives and measurements cannot be compared before a fit, so that no mistake of axes, signs or rows is "
-            f"seen: {whole} rows have a whole position, and the two frames need {FEWEST_FOR_FRAMES}"
+            "drives and measurements cannot be compared before a fit, so mistakes in axes, signs or rows are not "
+            f"detected: {whole} rows have a complete position, and the two frames need {FEWEST_FOR_FRAMES}"
         )
         severity = Severity.NOTE  # single coordinates are measured on purpose
         if turned_only.size:
-            message += f"; a rotation only is in {where(self.campaign, turned_only)}"
+            message += f"; there is only a rotation in {where(self.campaign, turned_only)}"
             # Without any length the place of the tracker is unknown.
             severity = Severity.WARNING if measured.any() or self.campaign.distance_m is not None else Severity.ERROR
         figures = {"rows_with_position": float(whole), "rows_with_rotation_only": float(turned_only.size)}

@@ -131,10 +131,13 @@ def _beyond_joints(aligned: Aligned, rows: Indices) -> FloatArray:
 def _gross_error(campaign: Campaign, row: int, distance: float, angle: float, score: float, far: bool) -> DataFlag:
     names, off = _off(campaign, distance, angle)
     metrics = {"distance_mm": distance / MM, "angle_mrad": angle / MRAD, "deviations": score}
-    code, said = FlagCode.UNREACHABLE_POSE, f"the drives cannot reach the measured pose; it is {off} from theirs"
+    code, said = (
+        FlagCode.UNREACHABLE_POSE,
+        f"the measured pose cannot belong to these drive values: it is {off} from theirs",
+    )
     if not far:
-        others = f"{score:.0f} robust deviations from what the other rows say of its errors"
-        code, said = FlagCode.OUTLIER, f"gross error, {off} from the nominal robot, {others}"
+        others = f"{score:.0f} robust standard deviations from what the other rows predict"
+        code, said = FlagCode.OUTLIER, f"gross error: {off} from the nominal robot, {others}"
     return flagged(campaign, code, f"line {campaign.lines[row]}: {said}", [row], names, metrics)
 
 
@@ -149,7 +152,7 @@ def _belonging_elsewhere(campaign: Campaign, rows: Indices, distance: float, ang
     names, off = _off(campaign, distance, angle)
     message = (
         f"drives and measurements do not agree in {len(rows)} rows: {where(campaign, rows)} miss the nominal robot by "
-        f"{off} (medians), and the others agree with it"
+        f"{off} (medians); the others agree with it"
     )
     metrics = {"distance_mm": distance / MM, "angle_mrad": angle / MRAD}
     return flagged(campaign, FlagCode.NO_AGREEMENT, message, rows, names, metrics)

@@ -64,7 +64,7 @@ def _jump(
     return flagged(
         campaign,
         FlagCode.MEASUREMENT_JUMP,
-        f"from about line {campaign.lines[row]} on all measurements are shifted by {distance / MM:.3g} mm{turn} "
+        f"from about line {campaign.lines[row]} on, all measurements are shifted by {distance / MM:.3g} mm{turn} "
         f"(session {session})",
         [row],
         columns.POSITION,

@@ -129,9 +129,10 @@ def check_noise(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
         factor = min(one.factor for one in scatters)
         stated = campaign.metadata.sigma_position_m / MM
         message = (
-            f"the stated noise is too small, or what each move does differs: all {len(scatters)} measured components "
-            f"scatter by {factor:.{two_digits(factor)}f} times as much or more, which no smooth cause explains; of a "
-            f"position that is {factor * stated:.2g} mm, not {stated:.2g}"
+            f"the stated noise is too small, or the errors differ from move to move: all {len(scatters)} "
+            "measured components "
+            f"scatter at least {factor:.{two_digits(factor)}f} times as much, which no smooth cause explains; for a "
+            f"position, that is {factor * stated:.2g} mm, not {stated:.2g}"
         )
         yield flagged(campaign, FlagCode.NOISE_TOO_SMALL, message, metrics={"factor": factor})
 
@@ -233,8 +234,8 @@ def _rounded(campaign: Campaign, scatters: Sequence[Scatter]) -> Iterator[DataFl
             headings = ", ".join(f"'{campaign.heading(names[k])}'" for k in drives)
             share = math.sqrt(variances[c])
             message = (
-                f"rounded to {said}: {headings}; that alone is {share:.{two_digits(share)}f} times the stated noise, "
-                "and the measurements scatter so"
+                f"{headings} rounded to {said}: that alone is {share:.{two_digits(share)}f} times the stated noise, "
+                "and the measurements scatter accordingly"
             )
             figures = {f"step_{unit}": step / si}
             yield flagged(campaign, FlagCode.ROUNDED_DRIVES, message, (), [names[k] for k in drives], figures)

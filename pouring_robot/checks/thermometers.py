@@ -86,7 +86,8 @@ def _in_the_air(campaign: Campaign) -> Iterator[DataFlag]:
             rows = session[np.isfinite(own[session])]
             for cold, step in _cold_at_once(own[rows], others[:, rows]):
                 message = (
-                    f"column '{campaign.heading(name)}' is as cold as the hall in {where(campaign, rows[cold])}, by a "
+                    f"column '{campaign.heading(name)}' is as cold as the hall in "
+                    f"{where(campaign, rows[cold])}, with a "
                     f"step of {step:.0f} K, while the other parts stay warm"
                 )
                 yield flagged(campaign, FlagCode.COLUMN_JUMP, message, rows[cold], [name], {"largest_K": step})
@@ -120,8 +121,8 @@ def _still_thermometers(campaign: Campaign) -> Iterator[DataFlag]:
         others = np.concatenate([known(campaign, other) for other in lively])
         if others.min() < value < others.max():
             message = (
-                f"column '{campaign.heading(name)}' is {value:g} wherever it was read, while {len(lively)} other "
-                f"temperatures move by up to {max(spread.values()):.0f} K"
+                f"column '{campaign.heading(name)}' is {value:g} in every reading, while {len(lively)} other "
+                f"temperatures vary by up to {max(spread.values()):.0f} K"
             )
             yield flagged(campaign, FlagCode.STUCK_COLUMN, message, (), [name], {"value": value})
 
@@ -136,7 +137,7 @@ def _exchanged_with_the_hall(campaign: Campaign) -> Iterator[DataFlag]:
     if colder and not warms:
         headings = " and ".join(f"'{campaign.heading(column)}'" for column in (columns.AMBIENT, colder[0]))
         message = (
-            f"columns {headings} seem to be exchanged: the hall would come to {hottest:.0f} °C, and the part stay at "
+            f"columns {headings} seem to be exchanged: the hall would reach {hottest:.0f} °C, and the part only "
             f"{known(campaign, colder[0]).max():.0f} °C"
         )
         yield flagged(campaign, FlagCode.CONDITIONS_EXCHANGED, message, (), (columns.AMBIENT, colder[0]))
@@ -177,7 +178,7 @@ def _one_in_another_unit(campaign: Campaign, hall: FloatArray, parts: Sequence[s
             alike = (warmth > least - _ALIKE_K) & (warmth < most + _ALIKE_K)
             alike &= np.abs(values - hall[cold]) > _APART_K
             if alike.size >= _FEWEST_COLD and alike.mean() > _NEARLY_ALL and np.ptp(values) > 0.0:
-                said = f"{scale} under a heading in °C: it is at {np.median(values):.0f} °C where the others are cold"
+                said = f"{scale} under a heading in °C: it reads {np.median(values):.0f} where the others are cold"
                 yield wrong_unit(campaign, name, said, {"median_degC": float(np.median(values))}, Severity.WARNING)
 
 
@@ -202,10 +203,10 @@ def _begun_in_another_unit(campaign: Campaign, hall: FloatArray) -> Iterator[Dat
         hottest = courses[:, courses.mean(axis=0).argmax()] if courses.size else np.ones(1)
         first = np.array([begins[name] for name in wrong])
         if _APART_TIMES * np.ptp(first) / first.mean() < np.ptp(hottest) / hottest.mean():
-            others = f"{scale} under a heading in °C, as {len(wrong) - 1} other parts may"
+            others = f"{scale} under a heading in °C (as may {len(wrong) - 1} other parts)"
             for name in (name for name in wrong if not campaign.heading(name).endswith("_K")):
                 began = begins[name] + _begin(hall)
-                said = f"{others}: it begins at {began:.0f} °C, which would be the hall's temperature"
+                said = f"{others}: it begins at {began:.0f} °C, which converted is the hall's temperature"
                 yield wrong_unit(campaign, name, said, {"begins_degC": began}, Severity.WARNING)
 
 
@@ -223,7 +224,7 @@ def _all_in_kelvin(campaign: Campaign) -> Iterator[DataFlag]:
         low, high = min(coldest), max(coldest)
         halls = low + ABSOLUTE_ZERO_DEGC > COLDEST_HALL_DEGC and high + ABSOLUTE_ZERO_DEGC < HOTTEST_HALL_DEGC
         if halls and high - low < _COLD_K:
-            said = f"kelvin under a heading in °C, as all may: parts are at {low:.0f} °C or more"
+            said = f"kelvin under a heading in °C (as may all parts): they are at {low:.0f} °C or more"
             yield wrong_unit(campaign, parts[0], said, {"coldest_degC": low}, Severity.WARNING)
 
 
@@ -245,7 +246,7 @@ def _no_temperature(campaign: Campaign, name: str, hottest: float, severity: Sev
         return
     in_kelvin = campaign.heading(name).endswith("_K")
     meant = middle + (-ABSOLUTE_ZERO_DEGC if in_kelvin else ABSOLUTE_ZERO_DEGC)
-    said = "°C under a heading in K" if in_kelvin else "kelvin under a heading in °C, as other temperatures may"
+    said = "°C under a heading in K" if in_kelvin else "kelvin under a heading in °C (as may other temperatures)"
     said = f"{said if coldest <= meant <= hottest else 'another unit'}: it would be at {middle:.0f} °C"
     yield wrong_unit(campaign, name, said, {"median_degC": middle}, severity)
 
@@ -258,8 +259,8 @@ def _hall_in_fahrenheit(campaign: Campaign, hall: FloatArray) -> Iterator[DataFl
     colder = sum((campaign.conditions[name] < hall - _APART_K for name in parts), np.zeros(hall.size, dtype=int))
     wrong = np.count_nonzero(2 * colder > len(parts)) >= _FEWEST_COLD
     said = f"the hall would be at {middle:.0f} °C{', and parts are colder' if wrong else ''}"
-    said = f"degrees Fahrenheit under a heading in °C, as other temperatures may: {said}"
-    remedy = "if so, convert the column; if the hall is so hot, give it in kelvin, as ambient_K"
+    said = f"degrees Fahrenheit under a heading in °C (as may other temperatures): {said}"
+    remedy = "if so, convert the column; if the hall really is that hot, give it in kelvin, as ambient_K"
     severity = Severity.ERROR if wrong else Severity.WARNING
     yield wrong_unit(campaign, columns.AMBIENT, said, {"median_degC": middle}, severity, remedy)
 

@@ -159,7 +159,7 @@ class Mistake:
     @property
     def told(self) -> str:
         """The message, with those of mistakes that are equally possible."""
-        return "; as well possible: ".join([self.message, *self.equals])
+        return "; equally possible: ".join([self.message, *self.equals])
 
 
 def _turned(code: FlagCode, message: str, change: Change, names: Sequence[str] = columns.ROTATION) -> Mistake:
@@ -175,7 +175,7 @@ def _turn_mistakes() -> Iterator[Mistake]:
         code = FlagCode.MIRRORED_AXES
         message = f"of the measured rotation vectors {' and '.join(reversed_)} seem to have the wrong sign"
         if len(reversed_) == 3:
-            code, message = FlagCode.ROTATION_INVERTED, f"{words} turn the other way: the tracker seen from the target"
+            code, message = FlagCode.ROTATION_INVERTED, f"{words} turn the other way (tracker seen from target)"
         yield _turned(code, message, functools.partial(np.multiply, sign), reversed_)
     for factor, wrong in ANGLE_MISTAKES:
         yield _turned(FlagCode.ROTATION_UNIT, f"{words} hold {wrong}", functools.partial(np.multiply, factor))
@@ -236,8 +236,10 @@ def mistaken_distances(campaign: Campaign, poses: PoseStack) -> Iterator[DataFla
     before, after = (rms((measured + 2.0 * s * once - drawn) / (2.0 * read)) for s in (0.0, short))
     possible = bool((read + 2.0 * short > 0.0).all())  # no wrong zero doubles a reading
     if possible and abs(short) > HOPELESS_M and after < GAIN * before:
-        message = f"distances in '{heading}' seem to be {short / MM:.3g} mm short, all alike: wherever device and "
-        message += f"target are they miss the robot by {before / MM:.3g} mm, and with so much more by {after / MM:.3g}"
+        message = (
+            f"all distances in '{heading}' seem to be {short / MM:.3g} mm too short: wherever device and target are, "
+        )
+        message += f"they miss the robot by {before / MM:.3g} mm, and with that added by {after / MM:.3g} mm"
         figures = {"short_mm": short / MM, "misfit_before_mm": before / MM, "misfit_after_mm": after / MM}
         yield flagged(campaign, FlagCode.DISTANCE_ZERO, message, quantities=quantities, metrics=figures)
 
@@ -265,7 +267,7 @@ def position_mistakes(campaign: Campaign, drawing: Drawing, data: Comparison) ->
             undo = functools.partial(_placed, factor=alone)
             yield Mistake(FlagCode.POSITION_UNIT, message, columns.POSITION[k : k + 1], undo)
     if not data.inverted:
-        message = "the measured poses seem to be inverse: the tracker seen from the target"
+        message = "the measured poses seem to be inverse (tracker seen from target)"
         turned = columns.ROTATION if data.rotation_vector_rad is not None else ()
         yield Mistake(FlagCode.FRAMES_SWAPPED, message, (*columns.POSITION, *turned), Comparison.inverse)
     if np.isfinite(affine).all() and np.linalg.det(affine) < 0.0:
@@ -286,7 +288,7 @@ def mirror_mistakes(campaign: Campaign) -> Iterator[Mistake]:
         named = " and ".join(f"'{headings[k]}'" for k in pair)
         undo = functools.partial(_placed, order=order)
         yield Mistake(code, f"columns {named} seem to be exchanged", [columns.POSITION[k] for k in pair], undo)
-    message = "one is reversed, or two are exchanged, and the rotations' are with them"
+    message = "one is reversed, or two are exchanged, and so are those of the rotations"
     yield Mistake(code, message, (*columns.POSITION, *columns.ROTATION), _mirrored)
 
 
@@ -354,7 +356,7 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
         named = f"'{drives[before].column}'" + ("" if abs(each) == 1.0 else f" times {abs(each):g}")
         message = (
             f"column {headings[k]} seems to count from a fixed direction, whatever '{drives[before].column}' does: the "
-            f"joint itself turns by '{drives[k].column}' {'less' if each > 0.0 else 'plus'} {named}"
+            f"joint itself turns by '{drives[k].column}' {'minus' if each > 0.0 else 'plus'} {named}"
         )
         shift = along * drives[before].zero * (places == k)
         yield mistake(FlagCode.DRIVE_ABSOLUTE, message, change, shift)

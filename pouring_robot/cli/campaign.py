@@ -120,7 +120,7 @@ def _print_expected(figures: dict[str, Any], tip: str) -> None:
     if left := figures["left_out"]:
         beyond = " (--json has all)" if len(left) > _NAMED else ""
         options.say(
-            f"left out, as poses tell less of them beside those above than tolerances do: {some(left, _NAMED)}{beyond}"
+            f"left out, since the poses determine them less well than their tolerances do: {some(left, _NAMED)}{beyond}"
         )
 
 
@@ -182,7 +182,7 @@ def _print_summary(figures: dict[str, Any]) -> None:
 def _lines(figures: dict[str, Any]) -> Iterator[str]:
     """Yield what is not recorded, how far the nominal robot is off, and what the data do not tell."""
     if missing := figures["missing_conditions"]:
-        yield f"not recorded, so what depends on it cannot be tested: {', '.join(missing)}"
+        yield f"not recorded, so effects that depend on it cannot be tested: {', '.join(missing)}"
     undone = f", with {'; '.join(figures['undone'])}" if figures["undone"] else ""
     if misfit := figures["misfit"]:
         parts = []
@@ -190,21 +190,21 @@ def _lines(figures: dict[str, Any]) -> Iterator[str]:
             value, noise = misfit[f"{what}_{unit}"], misfit[f"{what}_noise_{unit}"]
             if value is not None:
                 parts.append(f"{value:.3g} {unit}" + (f" (noise {noise:.3g})" if noise else ""))
-        fitted = f"the two unknown frames fitted{undone}"
-        yield f"against the nominal robot, {fitted}: {', '.join(parts)} a component, robust"
+        fitted = f"both unknown frames fitted{undone}"
+        yield f"misfit of the nominal robot, {fitted}: {', '.join(parts)} per component (robust)"
     disagree = figures["redundant_drives_disagree_mm"]
     if disagree is not None:
         yield f"redundant drives of the nominal robot{undone} disagree by {disagree:.3g} mm (RMS)"
     untold = figures["untold_of_the_frames"]  # held at zero, and costs nothing
     turns = [direction for direction in untold if next(iter(direction)).startswith("tool.r")]
     if misfit and misfit["rotation_mrad"] is None and len(turns) == 3:
-        yield "positions alone do not tell how the target is turned on the tool, and need not"
+        yield "positions alone do not determine the orientation of the target on the tool, and need not"
         untold = [direction for direction in untold if direction not in turns]
     if untold:
         texts = (" ".join(f"{share:+.3g} {name}" for name, share in direction.items()) for direction in untold)
         open_ = "; ".join(text.removeprefix("+") for text in texts)
-        frames = "where the robot (base) stands from the device, and the target on the robot (tool)"
-        yield f"of {frames}, the poses do not tell, and for such poses need not: {open_}"
+        frames = "base: place of the robot seen by the device; tool: of the target on the robot"
+        yield f"not determined by these poses, and not needed for them: {open_} ({frames})"
 
 
 def _seen(what: str) -> Any:

@@ -452,11 +452,11 @@ def test_a_table_with_its_newest_row_first_is_to_be_sorted(drawing, clean):
     newest = clean.campaign.subset(np.argsort(clean.campaign.time_s, kind="stable")[::-1])
     (flag,) = check_campaign(newest, drawing.kinematics)
     assert (flag.code, flag.severity) == ("time_shuffled", "error")
-    assert flag.message.endswith("falls from row to row: the newest row comes first")
-    assert flag.remedy == "sort the rows of each session by time, so that its oldest comes first"
+    assert flag.message.endswith("decreases from row to row: the newest row comes first")
+    assert flag.remedy == "sort the rows of each session by time, oldest first"
     swapped = newest.subset([1, 0, *range(2, len(newest))])
     (other,) = check_campaign(swapped, drawing.kinematics)
-    assert "runs in no order, it falls" in other.message
+    assert "is in no order: it decreases" in other.message
 
 
 def test_round_off_of_temperatures_does_not_decide_what_is_said_of_newest_rows_first(clean):
@@ -594,10 +594,12 @@ def test_says_which_rows_have_a_rotation_only_and_why_nothing_was_compared(clean
     found = examine(turned, drawing.kinematics)
     (flag,) = found.flags
     assert found.fit is None and flag.severity is severity
-    assert f"{rows} rows have a whole position, and the two frames need 6; a rotation only is in" in flag.message
+    assert (
+        f"{rows} rows have a complete position, and the two frames need 6; there is only a rotation in" in flag.message
+    )
     assert flag.rows == tuple(range(rows, len(turned)))
     if severity is Severity.ERROR:  # a fit would have no length at all
-        with pytest.raises(CampaignError, match="0 rows have a whole position"):
+        with pytest.raises(CampaignError, match="0 rows have a complete position"):
             usable_without(turned, found.flags)
 
 

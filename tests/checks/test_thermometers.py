@@ -69,7 +69,7 @@ def test_a_sensor_that_was_hardly_read_did_not_hang(campaign, every, hung):
     one = np.where(np.arange(60) % every == 0, 95.0, np.nan)
     flags = list(check_thermometers(campaign.with_conditions(**warming | {"leg1": one})))
     assert [str(flag.code) for flag in flags] == ["stuck_column"] * hung
-    assert all("is 95 wherever it was read, while 4 other" in flag.message for flag in flags)
+    assert all("is 95 in every reading, while 4 other" in flag.message for flag in flags)
 
 
 def elsewhere(campaign, change):

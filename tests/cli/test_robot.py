@@ -340,15 +340,17 @@ def test_of_positions_alone_it_is_not_told_three_times_how_the_target_is_turned(
     at = ("--random", "25", "--seed", "1", "--robot", robot, "--position-only", "--out", "places.csv")
     assert run("campaign", "simulate", *at)[0] == 0
     lines = run("campaign", "check", "places.csv", "--robot", robot)[1].splitlines()
-    (told,) = (line for line in lines if " tell " in line)
-    assert told == "positions alone do not tell how the target is turned on the tool, and need not"
+    (told,) = (line for line in lines if " determine " in line)
+    assert told == "positions alone do not determine the orientation of the target on the tool, and need not"
 
 
 def test_what_is_not_told_of_the_frames_is_said_in_one_sentence(run):
     delta = ROBOTS / "delta" / "robot.yaml"
     assert run("campaign", "simulate", "--random", "20", "--seed", "1", "--robot", delta, "--out", "poses.csv")[0] == 0
     said = " ".join(run("campaign", "check", "poses.csv", "--robot", delta)[1].split())
-    told = "the poses do not tell, and for such poses need not: 1 tool.tx -1 base.tx; 1 tool.ty -1 base.ty; 1 tool.tz"
+    told = (
+        "not determined by these poses, and not needed for them: 1 tool.tx -1 base.tx; 1 tool.ty -1 base.ty; 1 tool.tz"
+    )
     assert told in said
 
 

@@ -14,7 +14,7 @@ from tests.support import ROOT
 
 ROBOT = str(ROOT / "examples" / "robots" / "five_bar" / "robot.yaml")
 COORDINATES = ["x_mm", "y_mm", "z_mm"]
-UNSEEN = "no mistake of axes, signs or rows is seen: 0 rows have a whole position"
+UNSEEN = "mistakes in axes, signs or rows are not detected: 0 rows have a complete position"
 
 
 @pytest.fixture
