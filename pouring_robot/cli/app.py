@@ -90,7 +90,7 @@ def _complain(message: str) -> None:
     try:
         Path.cwd()
     except OSError:
-        message += "; the folder that this runs in is gone: change into another"
+        message += "; the current folder no longer exists: change into another"
     _to_stderr("pouring-robot: " + " ".join(message.split()))
 
 
@@ -167,7 +167,7 @@ def _of_a_package(error: BaseException) -> bool:
 
     if failed := failed_effect(error):
         why = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
-        _complain(f"{failed} fails: {why}; mend it, or leave it out by --exclude")
+        _complain(f"{failed} fails: {why}; correct it, or leave it out by --exclude")
     return bool(failed)
 
 
@@ -188,7 +188,7 @@ def _caught(error: BaseException, arguments: Sequence[str]) -> str:
         handle, name = tempfile.mkstemp(prefix="pouring-robot-fault-", suffix=".txt")
         with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
             file.write(details)
-        kept = f"please report it with the file {name}, which tells the command and where it stopped"
+        kept = f"please report it with the file {name}, which holds the command and where it stopped"
     except OSError:  # no place to write to: then they are said after all
         _to_stderr(details)
         kept = "please report it with the lines above"

@@ -28,7 +28,7 @@ def calibrate(
     ] = None,
     tolerances: options.TolerancesFile = None,
     hold_out: options.HoldOutBy = "auto",
-    loss: Annotated[Literal["huber", "soft_l1", "linear"], opt("How gross errors count.")] = "huber",
+    loss: Annotated[Literal["huber", "soft_l1", "linear"], opt("Loss function, which weights gross errors.")] = "huber",
     keep_all: Annotated[bool, opt("Keep all parameters, whether or not they help.", "--keep-all")] = False,
     as_json: options.AsJson = False,
 ) -> None:

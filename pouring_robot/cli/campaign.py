@@ -22,38 +22,40 @@ Frame = tuple[float, float, float, float, float, float]
 def plan(
     *,
     out: Annotated[Path, writes_csv("Plan to write; 'campaign simulate' reads it.")],
-    poses: Annotated[int, opt("How many poses.", metavar="N")] = 30,
+    poses: Annotated[int, opt("Number of poses.", metavar="N")] = 30,
     parameters: Annotated[
         list[str] | None,
         opt(
             "What to determine: a set (geometry, centres, axes, dh, all), a group, a name or pattern such as "
-            "'leg?_s1.t?'; may be repeated. Default: drives and U-joint centres as far as they can be told apart.",
+            "'leg?_s1.t?'; may be repeated. Default: drives and U-joint centres as far as they can be separated.",
             metavar="PATTERN",
         ),
     ] = None,
-    criterion: Annotated[str, opt("What the plan is best in.", metavar="D|O1..O5")] = "D",
+    criterion: Annotated[str, opt("Optimality criterion.", metavar="D|O1..O5")] = "D",
     which: bundles.RobotOptions,
-    sigma_mm: Annotated[float, opt("Noise of a measured coordinate.")] = SIGMA_MM,
+    sigma_mm: Annotated[float, opt("Noise of a measured coordinate (standard deviation).")] = SIGMA_MM,
     sigma_mrad: Annotated[float | None, opt(f"Noise of a rotation component (default: {SIGMA_MRAD}).")] = None,
     position_only: Annotated[bool, opt("No rotations will be measured.", "--position-only")] = False,
-    target_mm: Annotated[Point, opt("About where the target sits on the moving platform.", metavar="X Y Z")] = _ORIGIN,
-    priors: Annotated[bool, opt("Tolerances count as known beforehand.", "--priors")] = False,
+    target_mm: Annotated[
+        Point, opt("Approximate place of the target on the moving platform.", metavar="X Y Z")
+    ] = _ORIGIN,
+    priors: Annotated[bool, opt("Use the tolerances as prior knowledge.", "--priors")] = False,
     tolerances: options.TolerancesFile = None,
-    both_sides: Annotated[int, opt("Visit K of the poses from both sides: finds backlash.", metavar="K")] = 0,
+    both_sides: Annotated[int, opt("Visit K of the poses from both sides, to find backlash.", metavar="K")] = 0,
     loads: Annotated[
-        Pair, opt("Payloads (melt) in kg to choose from: finds how the drives yield.", metavar="A B")
+        Pair, opt("Payloads (melt) in kg to choose from, to find how the drives yield.", metavar="A B")
     ] = None,
     temperatures: Annotated[
-        Pair, opt("Temperatures of sliding drives in °C to choose from: finds how they grow.", metavar="A B")
+        Pair, opt("Temperatures of sliding drives in °C to choose from, to find how they grow.", metavar="A B")
     ] = None,
-    reduce: Annotated[bool, opt("Leave out parameters of which poses tell less than tolerances.", "--reduce")] = False,
-    candidates: Annotated[int, opt("About how many poses to choose from.")] = 2000,
-    starts: Annotated[int, opt("How many random plans the search starts from.")] = 4,
+    reduce: Annotated[bool, opt("Leave out parameters known better by their tolerances.", "--reduce")] = False,
+    candidates: Annotated[int, opt("Approximate number of candidate poses.")] = 2000,
+    starts: Annotated[int, opt("Number of random plans that the search starts from.")] = 4,
     seed: Annotated[int, opt("Seed of everything random.")] = 0,
     png: options.PngFile = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Choose the poses that determine parameters best, and say how well, before a single measurement."""
+    """Choose the poses that determine the parameters best, and predict how well."""
     from pouring_robot.design.planning import Planner, compare_with_random
     from pouring_robot.design.request import PlanRequest
     from pouring_robot.design.result import plot
@@ -62,7 +64,7 @@ def plan(
 
     check_ending(out, CSV_SUFFIXES)
     if tolerances is not None and not priors:
-        raise BadInputError("--tolerances says how sure the priors are; give --priors too")
+        raise BadInputError("--tolerances is used with --priors only; give --priors too")
     if position_only and sigma_mrad is not None:
         raise BadInputError("give --sigma-mrad or --position-only, not both: without rotations they have no noise")
     sigma_rad = None if position_only else MRAD * (SIGMA_MRAD if sigma_mrad is None else sigma_mrad)
@@ -131,7 +133,7 @@ def check(
     as_json: options.AsJson = False,
     png: options.PngFile = None,
 ) -> None:
-    """Say what is in a campaign and what is wrong with its data, before any fit; exit code 2 if there is an error."""
+    """List what a campaign holds and what is wrong with its data, before any fit; exit code 2 if there is an error."""
     from pouring_robot.campaign.data import Campaign
     from pouring_robot.checks.check import campaign_metrics, examine
     from pouring_robot.checks.flags import refuse_errors
@@ -203,7 +205,7 @@ def _lines(figures: dict[str, Any]) -> Iterator[str]:
     if untold:
         texts = (" ".join(f"{share:+.3g} {name}" for name, share in direction.items()) for direction in untold)
         open_ = "; ".join(text.removeprefix("+") for text in texts)
-        frames = "base: place of the robot seen by the device; tool: of the target on the robot"
+        frames = "base: robot seen from the device; tool: target on the robot"
         yield f"not determined by these poses, and not needed for them: {open_} ({frames})"
 
 
@@ -213,9 +215,9 @@ def _seen(what: str) -> Any:
 
 def simulate(
     *,
-    out: Annotated[Path, writes("Table to write, .csv or .parquet; YAML beside.")],
+    out: Annotated[Path, writes("Table to write, .csv or .parquet; the YAML goes beside it.")],
     plan: Annotated[Path | None, reads("Poses as 'path' reads them, and any condition columns.")] = None,
-    random: Annotated[int | None, opt("N poses all over the workspace.", metavar="N")] = None,
+    random: Annotated[int | None, opt("N random poses in the workspace.", metavar="N")] = None,
     seed: Annotated[int, opt("Seed of everything random.", min=0)] = 0,
     which: bundles.RobotOptions,
     under: bundles.ConditionOptions,
@@ -227,15 +229,15 @@ def simulate(
     lost: Annotated[float, opt("Share of measured cells left empty, 0 to 0.9.", metavar="SHARE")] = 0.0,
     tracker_frame: Annotated[Frame | None, _seen("Fixed platform seen from the tracker")] = None,
     target_frame: Annotated[Frame | None, _seen("Target seen from the moving platform")] = None,
-    truth: Annotated[Path | None, writes("Write what was hidden (frames, gross errors) as JSON.")] = None,
+    truth: Annotated[Path | None, writes("Write the true values (frames, gross errors) as JSON.")] = None,
 ) -> None:
-    """Measure a robot as built without having it: a campaign with noise, gross errors and unknown frames."""
+    """Simulate measurements of a robot as built: a campaign with noise, gross errors and unknown frames."""
     from pouring_robot.campaign.metadata import check_table_name
     from pouring_robot.campaign.plan import random_plan, read_plan
     from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 
     if (plan is None) == (random is None):
-        raise BadInputError("give the poses by --plan FILE or by --random N, one of the two")
+        raise BadInputError("give the poses either by --plan FILE or by --random N")
     if position_only and noise_mrad is not None:
         raise BadInputError("give --noise-mrad or --position-only, not both: without rotations they have no noise")
     check_table_name(out)
@@ -271,7 +273,7 @@ def _frame(figures: Frame | None) -> Any:
     if figures is None:
         return None
     if not all(math.isfinite(value) for value in figures):
-        raise BadInputError("a frame has six finite figures: x y z in mm and a rotation vector in degrees")
+        raise BadInputError("a frame needs six finite numbers: x y z in mm and a rotation vector in degrees")
     return pin.SE3(pin.exp3(np.radians(figures[3:])), np.array(figures[:3]) * MM)
 
 

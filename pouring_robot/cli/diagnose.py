@@ -21,26 +21,23 @@ def diagnose(
     robot: options.RobotFile = None,
     exclude: Annotated[
         list[str] | None,
-        opt("An effect that is not to be named (see `pouring-robot effects`); repeatable.", metavar="EFFECT"),
+        opt("An effect to leave out (see `pouring-robot effects`); repeatable.", metavar="EFFECT"),
     ] = None,
     hold_out: options.HoldOutBy = "auto",
     false_names: Annotated[
         float,
-        opt(
-            "Rate of false names that is accepted where nothing is missing; thresholds follow from it.", metavar="RATE"
-        ),
+        opt("Accepted rate of false names where nothing is missing; it sets the thresholds.", metavar="RATE"),
     ] = 0.01,
     made_within_mm: Annotated[
         float | None,
         opt(
-            "Joints are known to be made within this: mm, and mrad of their axes, standard deviations "
-            "(default: found).",
+            "Known standard deviation of the joints' places in mm, and of their axes in mrad (default: estimated).",
             "--made-within",
             metavar="MM",
         ),
     ] = None,
     next_count: Annotated[
-        int, opt("How many measurements to suggest, as the plan next.csv.", "--next", metavar="N", min=1, max=75)
+        int, opt("Number of measurements to suggest, as the plan next.csv.", "--next", metavar="N", min=1, max=75)
     ] = 10,
     as_json: options.AsJson = False,
 ) -> None:

@@ -17,17 +17,17 @@ def export(
         opt("sdf: loops are joints, as Gazebo classic reads; drake: SDF whose loops are bushings.", "--format"),
     ] = "urdf",
     commanded: bundles.CommandOptions,
-    zero_here: Annotated[bool, opt("URDF: count all joints from this pose.", "--zero-here")] = False,
-    absolute_meshes: Annotated[bool, opt("URDF: address meshes from /.", "--absolute-meshes")] = False,
+    zero_here: Annotated[bool, opt("URDF: set the zeros of all joints at this pose.", "--zero-here")] = False,
+    absolute_meshes: Annotated[bool, opt("URDF: give meshes by absolute paths.", "--absolute-meshes")] = False,
     which: bundles.RobotOptions,
 ) -> None:
     """Write the robot as built, closed at a pose: description, meshes, joint values, and how the tree closes.
 
-    Without a pose it stands in the middle of its workspace, or at the home of its robot file.
+    Default pose: the middle of the workspace, or the home of the robot file.
     """
     for name, wanted in (("--zero-here", zero_here), ("--absolute-meshes", absolute_meshes)):
         if wanted and form != "urdf":
-            raise BadInputError(f"{name} is for --format urdf: {form} stands closed and names its own meshes")
+            raise BadInputError(f"{name} is for --format urdf: {form} is written closed and names its own meshes")
     from pouring_robot.mechanism.arrays import rms
     from pouring_robot.robot.export.closed_robot import ClosedRobot, ball_notes
     from pouring_robot.robot.export.folder import exported_files
@@ -41,16 +41,16 @@ def export(
     options.refuse_targets([file for file in files if file.exists()])
     options.print_written(reversed(options.write_all(files)))
     result, off_m = closed.result, closed.over_workspace() if form == "urdf" else None
-    options.say(f"closed: left open {result.gap_m / MM:.2g} mm and {result.gap_rad / MRAD:.2g} mrad at most")
+    options.say(f"closed: gaps of {result.gap_m / MM:.2g} mm and {result.gap_rad / MRAD:.2g} mrad at most")
     if off_m is not None:
         loops = closed.mechanism.loops
         options.say(
-            f"the tree carries '{loops.end_frame}' on one chain: '{loops.working_frame}' is right here; with the joint "
-            f"values of {off_m.size} poses of the workspace it is {rms(off_m) / MM:.2g} mm rms and "
-            f"{off_m.max() / MM:.2g} mm at most off"
+            f"the tree carries '{loops.end_frame}' on one chain: '{loops.working_frame}' is exact here; with the joint "
+            f"values of {off_m.size} poses of the workspace it is off by {rms(off_m) / MM:.2g} mm rms and "
+            f"{off_m.max() / MM:.2g} mm at most"
         )
     note = None if built.robot else stale_mesh_note(built.layout, built.layouts_path)
     followers = closed.mechanism.mimics if form in ("sdf", "drake") else ()
-    counts = "joints count from this pose: no table of joint values, and no file that says how it closes, is written"
+    counts = "joints count from this pose, so no table of joint values and no file of loop closures is written"
     balls = ball_notes(closed.balls, zero_here) if form == "urdf" else []
     options.print_notes([*balls, *([counts] if zero_here else []), *([note] if note else []), *mimic_notes(followers)])

@@ -11,21 +11,28 @@ from pouring_robot.cli.shared.tables import print_blocks
 def regress(
     table: Annotated[
         Path,
-        argument("TABLE.csv", "A row a temperature: melt_degC, then a column a pose: P1_mm …, or P1_x_mm P1_y_mm …"),
+        argument(
+            "TABLE.csv", "One row per temperature: melt_degC, then one column per pose: P1_mm …, or P1_x_mm P1_y_mm …"
+        ),
     ],
     poses: Annotated[
         Path | None,
-        reads("Where: columns set, x_mm y_mm z_mm tilt_deg (or, for the report, drives of any robot).", "FILE.csv"),
+        reads(
+            "Poses of the sets: columns set, x_mm y_mm z_mm tilt_deg (or, for the report, drives of any robot).",
+            "FILE.csv",
+        ),
     ] = None,
     axis: Annotated[
-        Literal["x", "y", "z"] | None, opt("Direction of P1_mm …; of P1_x_mm …, the only one wanted.")
+        Literal["x", "y", "z"] | None, opt("Direction of P1_mm …; of P1_x_mm …, the only one to use.")
     ] = None,
     method: Annotated[
         Literal["none", "paper", "components", "mean", "pose"] | None,
-        opt("What goes into the file (default: what leaves least of sets left out)."),
+        opt("Method for the file (default: the one with the least error on sets left out)."),
     ] = None,
-    groups: Annotated[int, opt("Groups that the clustering cuts.", min=1)] = 2,
-    cut: Annotated[float | None, opt("Cut there instead.", "--lambda", metavar="L")] = None,
+    groups: Annotated[int, opt("Number of groups of the clustering.", min=1)] = 2,
+    cut: Annotated[
+        float | None, opt("Threshold of the clustering, instead of --groups.", "--lambda", metavar="L")
+    ] = None,
     similarity: Annotated[
         Literal["absolute", "shifted"], opt("Whether sets of opposite sign are alike (absolute) or not.")
     ] = "absolute",
@@ -35,8 +42,8 @@ def regress(
 ) -> None:
     """Group error sets, pick sensitive ones, and predict the error from the melt's temperature as the paper does.
 
-    Every method is judged on sets that were left out one at a time, beside no compensation and a line that depends on
-    the pose. The file is for --thermal-model of pose and compensate.
+    Every method is judged on sets left out one at a time, and compared with no compensation and with a line that
+    depends on the pose. The file is for --thermal-model of pose and compensate.
     """
     from pouring_robot.thermal.regression import report as pages
     from pouring_robot.thermal.regression.table import ErrorTable
@@ -49,8 +56,8 @@ def regress(
     written = [found.model().save(out, overwrite=options.OVERWRITE.get())] if out is not None else []
     if out is not None and found.foreign_inputs:
         options.note(
-            f"pose and compensate cannot take {out}: it depends on {', '.join(found.foreign_inputs)}, and they give "
-            "x, y, z (m) and tilt (rad) of the pouring robot; name these in --poses, or leave it out"
+            f"pose and compensate cannot use {out}: it depends on {', '.join(found.foreign_inputs)}, but they "
+            "give only x, y, z (m) and tilt (rad) of the pouring robot; give these in --poses, or leave --poses out"
         )
     written += options.write_all(options.wanted(report, lambda: pages.html_report(found)))
     if as_json:

@@ -28,11 +28,11 @@ _OWN = ("layouts.yaml", "model.yaml", "robot.html")
 def init(
     urdf: Annotated[Path, argument("URDF", "The robot's URDF, or a xacro.")],
     out: Annotated[Path | None, writes("Where to write it (default: robot.yaml beside the URDF).")] = None,
-    mapping: Annotated[list[str] | None, opt("An argument of the xacro; repeat.", metavar="NAME=VALUE")] = None,
+    mapping: Annotated[list[str] | None, opt("An argument of the xacro; repeatable.", metavar="NAME=VALUE")] = None,
 ) -> None:
     """Write a first robot file for a URDF, with comments on what to fill in.
 
-    What a Gepetto robot.yaml beside it closes is taken over; the file is then called robot_file.yaml.
+    Loops of a Gepetto robot.yaml beside it are taken over; the file is then called robot_file.yaml.
     """
     from pouring_robot.robot.description.first_file import first_robot, loops_beside
 
@@ -56,13 +56,13 @@ def _two(help_: str) -> Any:
 class Sizes:
     """What is known of a new machine."""
 
-    name: Annotated[str | None, opt("What the layout is called.", show_default=False)] = None
-    fixed_mm: Annotated[Pair, _two("Upper U joints apart, along x and y.")] = None
-    moving_mm: Annotated[Pair, _two("Lower U joints apart, along x and y.")] = None
+    name: Annotated[str | None, opt("Name of the layout.", show_default=False)] = None
+    fixed_mm: Annotated[Pair, _two("Distances of the upper U joints along x and y.")] = None
+    moving_mm: Annotated[Pair, _two("Distances of the lower U joints along x and y.")] = None
     x_mm: Annotated[Pair, _two("Workspace of the moving platform along x.")] = None
-    y_mm: Annotated[Pair, _two("Along y.")] = None
-    z_mm: Annotated[Pair, _two("Along z: below the fixed platform is negative.")] = None
-    tilt_deg: Annotated[Pair, _two("Least and largest tilt.")] = None
+    y_mm: Annotated[Pair, _two("Workspace along y.")] = None
+    z_mm: Annotated[Pair, _two("Workspace along z; negative below the fixed platform.")] = None
+    tilt_deg: Annotated[Pair, _two("Smallest and largest tilt.")] = None
     stroke_mm: Annotated[Pair, _two("Shortest and longest leg (default: as needed).")] = None
     payload_kg: Annotated[float | None, opt("Largest mass of melt.", show_default=False)] = None
     tare_kg: Annotated[float | None, opt("Mass of the empty ladle.", show_default=False)] = None
@@ -72,12 +72,12 @@ def new(
     *,
     out: Annotated[Path, results_folder(*_OWN)] = Path("my_robot"),
     sizes: Sizes,
-    yes: Annotated[bool, opt("Ask nothing: what is not said is as the paper's robot has it.", "--yes")] = False,
+    yes: Annotated[bool, opt("Ask nothing; values not given are those of the paper's robot.", "--yes")] = False,
     png: options.PngFile = None,
 ) -> None:
-    """Describe a 4-UPU machine of your own: asks for its sizes, writes its files, checks its workspace, draws it.
+    """Describe a 4-UPU machine of your own: ask for its sizes, write its files, check its workspace, draw it.
 
-    All else (ladle, truss, parts of the legs) stays the paper's robot's, in layouts.yaml, to be changed there.
+    All else (ladle, truss, parts of the legs) is as in the paper's robot; change it in layouts.yaml.
     """
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring.new_layout import NewLayout, check_lines, checked
@@ -130,7 +130,7 @@ def _asked(key: str, layout: NewLayout) -> Any:
                 numbers = ()
             wanted = len(usual) if isinstance(usual, tuple) else 1
             if len(numbers) != wanted:
-                raise typer.BadParameter("one number" if wanted == 1 else "two numbers with a blank between")
+                raise typer.BadParameter("one number" if wanted == 1 else "two numbers separated by a blank")
             answer = numbers if wanted > 1 else numbers[0]
         try:
             replace(layout, **{key: answer})
@@ -147,7 +147,7 @@ def _asked(key: str, layout: NewLayout) -> Any:
         print()  # behind the question
         if sys.stdin.isatty():  # Ctrl-C
             raise
-    raise BadInputError("nobody is there to answer; --yes asks nothing")
+    raise BadInputError("there is no terminal to answer questions; use --yes")
 
 
-robot = bundles.group_of("Robots of your own: the pouring robot in other sizes, and any other.", [init, new])
+robot = bundles.group_of("Robots of your own: the pouring robot in other sizes, or any other robot.", [init, new])

@@ -80,7 +80,7 @@ def _rounded(values: Iterable[float]) -> list[float]:
 
 
 def robots(*, which: bundles.RobotOptions, as_json: options.AsJson = False) -> None:
-    """List the robots that are loaded: freedoms, rank, drives, workspace."""
+    """List the robots: degrees of freedom, rank, drives, workspace."""
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring.layout import layout_names
     from pouring_robot.robot.pouring_robot import robot_of
@@ -111,11 +111,12 @@ def _print(robot: dict[str, Any], geared: Mapping[str, Literal["length", "angle"
     options.print_indented(f"{joints}, {closures}: {robot['freedoms']} freedoms{redundant}")
     if not robot["pose_determined"]:
         options.print_indented(
-            "the drives do not determine the pose: name all that is driven, or another home if this one is singular"
+            "the drives do not determine the pose: list every driven joint, or choose another home if this "
+            "one is singular"
         )
     elif robot["drives_beyond_freedoms"] > 0:
         options.print_indented(
-            "more drives than freedoms: strike from locked_joints what the loops move, from drives what follows"
+            "more drives than freedoms: remove from locked_joints what the loops move, from drives what only follows"
         )
     if robot["displaced_joints"]:
         options.print_indented(

@@ -16,25 +16,25 @@ _SHOWN, _PARTS_SHOWN = 25, 6
 def sensitivity(
     *,
     which: bundles.RobotOptions,
-    poses: Annotated[int, opt("Poses all over the workspace.", min=2, max=200_000)] = 10_000,
-    seed: Annotated[int, opt("Seed of their drawing.", min=0)] = SENSITIVITY_SEED,
+    poses: Annotated[int, opt("Number of random poses in the workspace.", min=2, max=200_000)] = 10_000,
+    seed: Annotated[int, opt("Seed of the random poses.", min=0)] = SENSITIVITY_SEED,
     length_mm: Annotated[float, opt("Size of every length error.")] = 0.2,
     angle_mrad: Annotated[float, opt("Size of every angle error.")] = 4.0,
-    limit_mm: Annotated[float, opt("Errors beyond it are those to control.")] = 1.0,
+    limit_mm: Annotated[float, opt("Errors that move the frame further are to be controlled.")] = 1.0,
     x_mm: Annotated[Pair, opt("Range of x.", metavar="LOW HIGH")] = None,
     y_mm: Annotated[Pair, opt("Range of y.", metavar="LOW HIGH")] = None,
     z_mm: Annotated[Pair, opt("Range of z.", metavar="LOW HIGH")] = None,
     tilt_deg: Annotated[Pair, opt("Range of the tilt.", metavar="LOW HIGH")] = None,
     parameters: Annotated[list[str] | None, opt("Set, group, name or pattern; repeatable.", metavar="NAME")] = None,
-    frame: Annotated[str | None, opt("Whose displacement counts.", metavar="NAME")] = None,
+    frame: Annotated[str | None, opt("Frame whose displacement counts.", metavar="NAME")] = None,
     out: Annotated[
         Path | None, results_folder("sensitivity.csv", "sensitivity.json", "report.html", what="pictures")
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Say what each geometric error of the drawing does alone: in the closed robot and in the paper's open branch.
+    """Compute what each geometric error does on its own, in the closed robot and in the paper's open branch.
 
-    A model file is taken for its layout or robot only. Errors act to first order; how far that misses is printed.
+    Of a model file only the layout or robot is used. Errors act to first order; the error of that is printed.
     """
     from pouring_robot.sensitivity import report
     from pouring_robot.sensitivity.analysis import left_out, study

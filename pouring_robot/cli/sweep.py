@@ -20,10 +20,10 @@ _SHOWN = 15
 
 def sweep(
     config: Annotated[Path, argument("CONFIG.yaml", "Sweep file; see examples/sweep.yaml.")],
-    out: Annotated[Path, opt("Folder for the results; made if it is absent.", metavar="DIR")],
-    resume: Annotated[bool, opt("Go on with a sweep that was stopped.", "--resume")] = False,
-    overwrite: Annotated[bool, opt("Begin anew in place of a sweep that is there.", "--overwrite")] = False,
-    workers: Annotated[int, opt("Processes on this machine (default: this one).", metavar="N", min=0)] = 0,
+    out: Annotated[Path, opt("Folder for the results; created if needed.", metavar="DIR")],
+    resume: Annotated[bool, opt("Continue a sweep that was stopped.", "--resume")] = False,
+    overwrite: Annotated[bool, opt("Replace an existing sweep.", "--overwrite")] = False,
+    workers: Annotated[int, opt("Worker processes on this machine (0: none but this one).", metavar="N", min=0)] = 0,
     scheduler: Annotated[str | None, opt("Compute on this Dask cluster instead.", metavar="ADDRESS")] = None,
     robot: options.RobotFile = None,
     as_json: options.AsJson = False,
@@ -51,7 +51,7 @@ def sweep(
             )
             outcome = report(store, count)
         except KeyboardInterrupt as stop:
-            kept = f"{done} of {total} chunks are kept in {out}: go on with --resume" if done else "nothing is kept"
+            kept = f"{done} of {total} chunks are kept in {out}: continue with --resume" if done else "nothing is kept"
             raise StoppedError(f"stopped; {kept}") from stop
     written = (outcome.store.path, *outcome.save())
     if as_json:

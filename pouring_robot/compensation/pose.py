@@ -76,7 +76,7 @@ class Compensation(Result):
         """How far off the frame was and is, on one line."""
         return (
             f"'{self.frame}' {self.before.distance_m / MM:.3f} mm off without compensation, "
-            f"{self.left.distance_m / MM:.1e} mm with it; the lip is left {self.left_at_lip.distance_m / MM:.3f} mm off"
+            f"{self.left.distance_m / MM:.1e} mm with it; the lip stays {self.left_at_lip.distance_m / MM:.3f} mm off"
         )
 
     def row(self) -> dict[str, float]:

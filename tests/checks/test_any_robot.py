@@ -338,7 +338,7 @@ def test_planted_damage_is_named_and_nothing_else(machine, code):
         # Of what only shifts, the inverse is the mirror image; so is that of three arms with two exchanged.
         assert codes(flags) <= {"frames_swapped", "drives_exchanged", "mirrored_axes"}
         assert "seem to be inverse" in flags[0].message
-        assert "as well possible" in flags[0].message
+        assert "equally possible" in flags[0].message
     else:
         assert codes(flags) == {code}
 
@@ -374,7 +374,7 @@ def test_an_elbow_that_counts_from_a_fixed_direction_is_told(machine, full):
     counted = counted if full else damaged(counted, rotation_vector_rad=None)
     flag, *beside = check_campaign(counted, machine.drawing)
     assert (flag.code, flag.columns) == ("drive_absolute", ("q3_rad",))
-    assert flag.message.endswith("the joint itself turns by 'q3' less 'q2'")
+    assert flag.message.endswith("the joint itself turns by 'q3' minus 'q2'")
     assert not beside  # what no joint could take is none of that once the joint is known
 
 
@@ -426,7 +426,7 @@ def test_of_equal_mistakes_none_takes_drives_beyond_their_limits(gantry):
     flags = check_campaign(exchanged, gantry.drawing)
     assert flags[0].code == "drives_exchanged"
     assert flags[0].columns == ("x_slide_m", "y_slide_m")
-    assert "as well possible" not in flags[0].message
+    assert "equally possible" not in flags[0].message
 
 
 def test_exchanged_drives_of_many(machine):

@@ -435,7 +435,7 @@ def refused(run, tmp_path, code, words, *arguments):
         (2, "--titl-deg", ["pose", "--at-mm", "0", "0", "-600", "--titl-deg", "5"]),
         (2, ("papre", "known: paper, wide"), ["pose", *AT, "--layout", "papre"]),
         (2, "not both", ["pose", *AT, "--layout", "paper", "--model", ACTUAL]),
-        (2, "layouts are of the pouring robot", ["robots", "--layout", "paper", "--robot", ACTUAL]),
+        (2, "layouts belong to the pouring robot", ["robots", "--layout", "paper", "--robot", ACTUAL]),
         (2, ("absent.yaml", "cannot be read"), ["pose", *AT, "--model", "absent.yaml"]),
         (2, ("absent", "does not exist"), ["pose", *AT, "--png", "absent/view.png"]),
         (2, ("absent", "does not exist"), ["pose", *AT, "--html", "absent/view.html"]),
@@ -455,8 +455,8 @@ def refused(run, tmp_path, code, words, *arguments):
         (2, "--zero-here is for --format urdf", ["export", "--out", "o", "--format", "mjcf", "--zero-here"]),
         (2, "--absolute-meshes is for", ["export", "--out", "o", "--format", "sdf", "--absolute-meshes"]),
         (2, ("'--format'", "drake"), ["export", "--out", "o", "--format", "usd"]),
-        (2, "--header go without --at-mm", ["compensate", *AT, "--header", "c.h"]),
-        (2, "--header go without", ["compensate", POSES, "--at-once", "--thermal-model", POSES]),
+        (2, "--header cannot be used with --at-mm", ["compensate", *AT, "--header", "c.h"]),
+        (2, "--header cannot be used with", ["compensate", POSES, "--at-once", "--thermal-model", POSES]),
         (2, "port", ["view", "--port", "70000", "--no-browser"]),
         (2, "poes", ["poes", *AT]),
         (2, "--modle", ["robots", "--modle", "x"]),
@@ -570,7 +570,7 @@ def test_an_export_that_fails_leaves_the_folder_as_it_was(run, tmp_path):
 
 def test_what_a_command_reads_it_does_not_write(run, tmp_path):
     (tmp_path / "poses.csv").write_text("x_mm,y_mm,z_mm,tilt_deg\n0,0,-600,0\n")
-    told = ("poses.csv", "read by this very command")
+    told = ("poses.csv", "this command reads it")
     refused(run, tmp_path, 2, told, "path", "poses.csv", "--out", "./poses.csv", "--overwrite")
     assert (tmp_path / "poses.csv").read_text() == "x_mm,y_mm,z_mm,tilt_deg\n0,0,-600,0\n"
 

@@ -64,11 +64,11 @@ def test_heat_that_the_model_has_learned_and_that_the_melt_brings_is_not_counted
     code, out, err = run(command, *AT, "--model", model, *warm)
     assert (code, err) == (0, "")
     assert "twice" not in out
-    said = "note: without --condition ambient_degC the robot stands the same"
+    said = "note: --condition ambient_degC changes nothing here"
     assert run(command, *AT, "--model", model, *warm, "--condition", "ambient_degC=5")[2].startswith(said)
     code, out, err = run(command, *AT, "--model", model, *warm, "--melt-degC", "1700", "--steady")
     assert (code, err) == (0, "")
-    assert "heat counts twice: the melt warms the robot, and so does leg_thermal_expansion" in out
+    assert "heat counts twice: by the melt, and by leg_thermal_expansion" in out
 
 
 def test_joints_of_a_warm_robot_say_by_how_much_the_cold_tree_misses_it(run, tmp_path):
@@ -85,9 +85,9 @@ def test_joints_of_a_warm_robot_say_by_how_much_the_cold_tree_misses_it(run, tmp
     there = figures["frames"]["ladle_lip"]["actual_mm"]
     missed = float(np.linalg.norm(base.actInv(lip).translation * 1e3 - there))
     assert missed > 0.5
-    assert any(f"stands up to {missed:.3f} mm beside" in note for note in figures["notes"])
+    assert any(f"is up to {missed:.3f} mm off" in note for note in figures["notes"])
     _, out, _ = run("pose", *AT, "--model", ACTUAL, "--json", "--joints", "cold.json")
-    assert not any("beside" in note for note in json.loads(out)["notes"])
+    assert not any(" mm off" in note for note in json.loads(out)["notes"])
 
 
 def test_joints_of_a_robot_under_conditions_say_by_how_much_the_tree_without_misses_it(run, tmp_path):
@@ -112,7 +112,7 @@ def test_joints_of_a_robot_under_conditions_say_by_how_much_the_tree_without_mis
     there = figures["frames"]["ladle_lip"]["actual_mm"]
     assert figures["frames"]["ladle_lip"]["error"]["distance_mm"] > 0.1
     assert base.actInv(lip).translation * 1e3 == pytest.approx(there, abs=1e-6)
-    assert any("stands up to 0.000 mm beside" in note for note in figures["notes"])
+    assert any("is up to 0.000 mm off" in note for note in figures["notes"])
 
 
 def test_columns_of_conditions_that_change_nothing_are_told(run, tmp_path):
@@ -131,7 +131,7 @@ def test_columns_of_temperatures_say_what_warms_the_robot(run, tmp_path, column,
     table = tmp_path / "warm.csv"
     table.write_text(f"x_mm,y_mm,z_mm,tilt_deg,{column}\n-100,20,-600,17,300\n")
     _, _, err = run("path", table)
-    assert (f"depends on {column}" in err, "--ambient-degC warm it" in err) == (True, warms)
+    assert (f"depends on {column}" in err, "--ambient-degC warm the robot" in err) == (True, warms)
 
 
 def test_no_melt_is_said_to_warm_a_robot_that_has_none(run, tmp_path):
@@ -340,7 +340,7 @@ def test_compensate_a_path_into_a_file(run, tmp_path, two_poses):
     for row in rows:
         assert float(row["left_mm"]) < 1e-6
         assert float(row["before_mm"]) > 1.0
-    for words in ("without compensation", "not in the drives' power", "taken anew", "wrote"):
+    for words in ("without compensation", "the drives cannot correct roll", "recomputed", "wrote"):
         assert words in out
     assert max(map(len, out.splitlines())) <= 120
 
@@ -375,7 +375,7 @@ def test_compensate_says_that_the_cold_drawing_needs_none(run):
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
-        ([], 2, "give a file of poses or one command by options"),
+        ([], 2, "give either a file of poses or one command by options"),
         ([POSES, *AT], 2, "one of the two"),
         ([POSES, "--tilt-deg", "3"], 2, "one of the two"),
         (["nowhere.csv"], 2, "cannot be read"),
@@ -496,7 +496,7 @@ def test_a_wrong_history_is_refused_in_one_line(run, tmp_path, text, says):
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
-        ([], 2, "say where the robot stands"),
+        ([], 2, "give the pose: --at-mm"),
         (["--tilt-deg", "3"], 2, "give its position by --at-mm"),
         ([*AT, "--every-min", "3"], 2, "give the shift by --history"),
         (["--history", "shift.csv", "--every-min", "0"], 2, "--every-min 0"),
@@ -544,7 +544,7 @@ def test_poses_of_a_list_are_said_to_be_taken_by_themselves(run, tmp_path):
     (tmp_path / "two.csv").write_text("x_mm,y_mm,z_mm,tilt_deg\n-100,0,-600,0\n-100,10,-600,0\n", encoding="utf-8")
     for command in ("path", "compensate"):
         code, out, _ = run(command, "two.csv", "--after-min", "20")
-        assert code == 0 and "every pose is taken by itself, cold at first and held 20 min" in " ".join(out.split())
+        assert code == 0 and "each pose is computed on its own, from cold and held 20 min" in " ".join(out.split())
 
 
 def test_figures_too_small_to_show_have_no_sign(run):
@@ -563,17 +563,17 @@ def test_what_was_measured_at_one_moment_takes_no_part_in_a_shift(run, tmp_path)
     )
     assert told["rows"][0]["ladle_lip_moved_mm"] < 1e-9  # as cold as the drawing
     assert told["rows"] == bare["rows"] and "measured_degC" not in told
-    note = "measured temperatures of the model file are of one moment and take no part in a shift: leg1 210.5 degC"
+    note = "measured temperatures of the model file are of one moment and not used in a shift: leg1 210.5 degC"
     assert (told["notes"], bare["notes"]) == ([note], [])
     assert note in " ".join(run("thermal", "--history", "h.csv", *AT, "--model", "hot.yaml")[1].split())
     held = json.loads(run("thermal", *AT, "--model", "hot.yaml", "--json")[1])
-    assert held["measured_degC"] == {"leg1": 210.5} and "take the place of computed ones" in held["notes"][0]
+    assert held["measured_degC"] == {"leg1": 210.5} and "replace computed ones" in held["notes"][0]
 
 
 def test_what_was_measured_at_one_moment_takes_no_part_at_another(run, tmp_path):
     (tmp_path / "hot.yaml").write_text(HEAT, encoding="utf-8")
     (tmp_path / "bare.yaml").write_text(HEAT.replace("{leg1: 210.5}", "{}"), encoding="utf-8")
-    note = "note: measured temperatures of the model file are of another time and take no part: leg1\n"
+    note = "note: measured temperatures of the model file are of another time and not used: leg1\n"
     for command in ("pose", "compensate", "thermal"):
         told, bare = (run(command, *AT, "--model", m, "--after-min", "1", "--json") for m in ("hot.yaml", "bare.yaml"))
         assert json.loads(told[1]) == json.loads(bare[1])
@@ -658,4 +658,4 @@ def test_a_thermal_model_that_does_not_fit_is_refused(run, thermal_model):
     thermal_model.write_text(thermal_model.read_text().replace("centre: []", "centre: [0.5]"), encoding="utf-8")
     for command in ("pose", "compensate"):
         code, out, err = run(command, *AT, "--thermal-model", str(thermal_model))
-        assert (code, out) == (2, "") and "depends on q1, and a pose gives x, y, z, tilt; regress anew" in err
+        assert (code, out) == (2, "") and "depends on q1, but a pose gives x, y, z, tilt; repeat the regression" in err

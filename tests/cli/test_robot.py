@@ -102,7 +102,7 @@ def test_drives_that_do_not_determine_the_pose_are_told(run, tmp_path):
     path.write_text(one, encoding="utf-8")
     code, out, _ = run("robots", "--robot", path)
     assert code == 0
-    assert "  the drives do not determine the pose: name all that is driven" in out
+    assert "  the drives do not determine the pose: list every driven joint" in out
     assert "do not determine" not in run("robots", "--robot", ROBOTS / "five_bar" / "robot.yaml")[1]
 
 
@@ -138,7 +138,7 @@ def test_a_new_robot_that_nobody_describes_says_how_to_go_on(run, monkeypatch):
     for nobody in (io.StringIO(""), None):  # closed
         monkeypatch.setattr("sys.stdin", nobody)
         code, _, err = run("robot", "new")
-        assert (code, err) == (2, "pouring-robot: nobody is there to answer; --yes asks nothing\n")
+        assert (code, err) == (2, "pouring-robot: there is no terminal to answer questions; use --yes\n")
 
 
 def test_rows_of_drives_are_located_in_their_units(run, tmp_path):
@@ -522,7 +522,7 @@ def test_joints_that_stay_locked_in_a_closed_robot_are_asked_about(run, tmp_path
     path = tmp_path / "robots" / "delta" / "robot.yaml"
     assert "strike" not in run("robots", "--robot", path)[1]
     path.write_text(path.read_text(encoding="utf-8") + "locked_joints: [arm2_elbow1]\n", encoding="utf-8")
-    assert "more drives than freedoms: strike from locked_joints" in run("robots", "--robot", path)[1]
+    assert "more drives than freedoms: remove from locked_joints" in run("robots", "--robot", path)[1]
 
 
 def test_of_a_gepetto_file_that_drives_what_follows_another_the_leader_is_driven(run, tmp_path):
@@ -572,5 +572,5 @@ def test_drives_that_disagree_are_no_load(run):
     lines = ROBOTS.parent / "machines" / "hangprinter" / "robot.yaml"
     code, out, _ = run("pose", "--robot", lines, "--drives", "1600 1795 1582.5 2355")
     assert code == 0
-    assert "what the redundant drives disagree by, and no load" in out
+    assert "the open gap is the disagreement of redundant drives, not a load" in out
     assert " N and " not in out

@@ -86,7 +86,7 @@ def test_ctrl_c_keeps_what_is_done(undisturbed, tmp_path, capsys, monkeypatch):
         patch.setattr(SweepStore, "write", write_twenty)
         assert main(["sweep", str(config), "--out", str(out)]) == 130
     err = capsys.readouterr().err
-    assert err == f"pouring-robot: stopped; 20 of {CHUNKS} chunks are kept in {out}: go on with --resume\n"
+    assert err == f"pouring-robot: stopped; 20 of {CHUNKS} chunks are kept in {out}: continue with --resume\n"
     assert finished_chunks(out) == 20
     run_sweep(SweepPlan.load(config), out, resume=True)
     assert numbers(out) == numbers(expected)

@@ -221,7 +221,7 @@ def test_drives_of_another_robot(tmp_path, capsys):
     html = page.read_text(encoding="utf-8")
     assert html.count("<table>") == 6 and "<svg" in html and "VIF against those chosen before" in html
     out, err = capsys.readouterr()
-    assert err.startswith("note: pose and compensate cannot take ") and "depends on q1 (rad), q2 (rad), q3 (rad)" in err
+    assert err.startswith("note: pose and compensate cannot use ") and "depends on q1 (rad), q2 (rad), q3 (rad)" in err
     assert "(22) P_end" in out and "VIF against those chosen before" in out
     model = ThermalModel.load(files[2])
     assert model.inputs == ("q1", "q2", "q3")

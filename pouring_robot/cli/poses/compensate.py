@@ -30,18 +30,18 @@ class Asked:
     """What shall be right, where, and what becomes of the answer."""
 
     poses: Annotated[
-        Path | None, argument("POSES.csv", "Wanted poses, as 'path' reads them. Or --at-mm, or --drives.")
+        Path | None, argument("POSES.csv", "Wanted poses, as 'path' reads them; or use --at-mm or --drives.")
     ] = None
     frame: Annotated[
         str | None,
         opt(
-            "What shall be right: moving_platform (default), ladle or ladle_lip; of another robot its tool.",
+            "Frame to correct: moving_platform (default), ladle or ladle_lip; of another robot its tool.",
             metavar="NAME",
         ),
     ] = None
-    out: Annotated[Path | None, writes_csv("Write the commands, one row a pose.")] = None
+    out: Annotated[Path | None, writes_csv("Write the commands, one row per pose.")] = None
     at_once: options.AtOnce = False
-    header: Annotated[Path | None, writes("Write a C function that compensates, in place of poses.", "FILE.h")] = None
+    header: Annotated[Path | None, writes("Write a C function that compensates any pose.", "FILE.h")] = None
     as_json: options.AsJson = False
 
 
@@ -56,12 +56,12 @@ def compensate(
 ) -> None:
     """Find drive values that bring the actual ladle, or tool, to wanted poses, and say what they cannot cancel.
 
-    With --after-min every pose is taken by itself: held so long from cold.
+    With --after-min each pose is computed on its own, held that long from cold.
     """
     from pouring_robot.cli.poses.heat import thermal_law
 
     if (asked.poses is not None) == commanded.given and not (asked.at_once or asked.header):
-        raise BadInputError("give a file of poses or one command by options, one of the two")
+        raise BadInputError("give either a file of poses or one command by options")
     present = which.built(warm=True, under=True)
     from pouring_robot.robot.pouring_robot import PouringRobot
 
@@ -71,9 +71,9 @@ def compensate(
     warmth = heat.of(present)
     if asked.at_once or asked.header:
         if not isinstance(present, PouringRobot):
-            raise BadInputError("--at-once and --header know the pouring robot only")
+            raise BadInputError("--at-once and --header work for the pouring robot only")
         if commanded.given or thermal_model:
-            raise BadInputError("--at-once and --header go without --at-mm, --drives and --thermal-model")
+            raise BadInputError("--at-once and --header cannot be used with --at-mm, --drives or --thermal-model")
         under.refuse_with("--at-once" if asked.at_once else "--header", present)
         _in_bulk(asked, present, warmth)
         return
@@ -107,7 +107,7 @@ def _ladle(
 
     def bring(command: Command, standing: Robot) -> Compensation:
         if not isinstance(command, PlatformPose):
-            raise BadInputError("a ladle is brought to a pose: give --at-mm and --tilt-deg")
+            raise BadInputError("the ladle needs a pose: give --at-mm and --tilt-deg")
         built = heated.built_as(options.with_melt(standing))
         return compensated(built, command, asked.frame, law.moves_m(command) if law else None)
 
@@ -125,7 +125,7 @@ def _ladle(
         options.say(warm.alone_line(heat))
     if law is not None:
         told = law.words(*(one.wanted for one in found))
-        options.say(f"{told}; the drives follow from the paper's sum, what is left is that of the full closure")
+        options.say(f"{told}; the drives follow from the paper's sum, the remaining error from the full closure")
     if robot.model.is_drawing and heat is None and under is None:
         options.print_notes(["the drawing, cold, needs no compensation; give --model, --melt-degC or both"])
     beyond = (robot.outside_workspace(one.wanted) for one in found)
@@ -143,20 +143,23 @@ def _sentences(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
     left = max(one.left.distance_m for one in found) / MM
     tilt = max(abs(one.left_tilt_rad) for one in found) / MRAD
     frame = found[0].frame
-    yield f"{word}'{frame}' without compensation {before:.3f} mm off, with it {left:.3f} mm and {tilt:.3f} mrad of tilt"
+    yield (
+        f"{word}'{frame}' is {before:.3f} mm off without compensation, {left:.3f} mm and {tilt:.3f} mrad of tilt "
+        "with it"
+    )
     roll, yaw = (max((one.uncontrolled_rad[k] for one in found), key=abs) / MRAD for k in (0, 1))
     lip = max(one.left_at_lip.distance_m for one in found) / MM
     yield (
-        f"{word}not in the drives' power: roll {roll:+z.3f} mrad about x, yaw "
-        f"{yaw:+z.3f} mrad about z; the lip is left {lip:.3f} mm off"
-        + ("; --frame ladle_lip puts the lip right instead" if closed and frame != "ladle_lip" else "")
+        f"{word}the drives cannot correct roll {roll:+z.3f} mrad about x, yaw "
+        f"{yaw:+z.3f} mrad about z; the lip stays {lip:.3f} mm off"
+        + ("; --frame ladle_lip corrects the lip instead" if closed and frame != "ladle_lip" else "")
     )
     moved = max(one.state.unsettled_m for one in found)
     turns = max(one.state.turns for one in found)
     if turns > 1 and closed:
         yield (
-            f"{word}temperatures were held inside each Newton solve and taken anew where the ladle then was, {turns} "
-            f"times; the last time moved it by {moved / MM:.1e} mm{unsettled_words(moved)}"
+            f"{word}temperatures were held in each Newton solve and recomputed at the ladle's new place {turns} "
+            f"times; the last change moved it by {moved / MM:.1e} mm{unsettled_words(moved)}"
         )
 
 
@@ -171,7 +174,7 @@ def _print_commands(found: Sequence[Compensation]) -> None:
         drives = [*(f"{value / MM:.4f}" for value in lengths), f"{math.degrees(tilt_drive):z.6f}"]
         rows.append([*wanted, *drives, *(f"{value:z.3f}" for value in place), f"{angle:z.4f}"])
     drives = [f"{name} {unit}" for name, unit in zip(DRIVE_JOINTS, ("mm", "mm", "mm", "°"), strict=True)]
-    options.say("wanted pose, drives to command, pose to command instead (to a controller that knows the drawing)")
+    options.say("wanted pose, drives to command, pose to command instead (for a controller that uses the drawing)")
     print_rows(["x", "y", "z", "tilt °", *drives, "x'", "y'", "z'", "tilt' °"], rows)
 
 
@@ -221,7 +224,7 @@ def _tool(asked: Asked, robot: Robot, wanted: Mapping[int, Command], under: Robo
     if not asked.out:
         head = [name.replace("_", " ") for name in found[0].row()]
         rows = [_cells(one.row().values()) for one in found]
-        print_rows(head, rows, "drives to command; how far off without and with it")
+        print_rows(head, rows, "drives to command; error without and with compensation")
     options.print_notes([*(under.notes if under else ()), *drive_notes(found)])
     if robot.model.is_drawing and under is None:
         options.print_notes(["the drawing needs no compensation; give --model"])

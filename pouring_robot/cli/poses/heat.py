@@ -40,9 +40,9 @@ class ThermalLaw:
         """Return where it comes from, what it does not know, and what of poses lies beyond what it was fitted to."""
         said = [f"thermal model of {self.model.source}", f"melt {self.melt_degC:g} degC"]
         if self.heat.after_min is not None or self.heat.ambient_degC is not None:
-            said.append("whatever the time and the surroundings")
+            said.append("ignoring time and surroundings")
         beyond = dict.fromkeys(words for pose in poses for words in self.model.beyond(self.melt_degC, _inputs(pose)))
-        return ", ".join(said) + (f", BEYOND what it was fitted to: {', '.join(beyond)}" if beyond else "")
+        return ", ".join(said) + (f", BEYOND the fitted range: {', '.join(beyond)}" if beyond else "")
 
     def sum_mm(self, robot: Robot, full: LadleLocation) -> dict[str, list[float]]:
         """Return theory, geometry, heat, their sum (the paper's Fig. 13) and the full closure, in mm."""
@@ -79,14 +79,14 @@ def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None, *, co
     if path is None:
         return None
     if cold:
-        raise BadInputError("--cold leaves heat out, and --thermal-model says what heat adds; give one of the two")
+        raise BadInputError("--cold leaves heat out, but --thermal-model adds it; give one of the two")
     from pouring_robot.thermal.regression.thermal_model import POSE_INPUTS, ThermalModel
 
     model = ThermalModel.load(path)
     if foreign := [name for name in model.inputs if name not in POSE_INPUTS]:
         raise BadInputError(
-            f"{path} depends on {', '.join(foreign)}, and a pose gives {', '.join(POSE_INPUTS)}; "
-            "regress anew with these in --poses, or without --poses"
+            f"{path} depends on {', '.join(foreign)}, but a pose gives {', '.join(POSE_INPUTS)}; "
+            "repeat the regression with these in --poses, or without --poses"
         )
     with_melt(robot)
     same = heat or HeatSection()
@@ -111,7 +111,7 @@ class Warmth:
             if heated is None:
                 return cls(robot, robot.location_of(command))
             if not isinstance(command, PlatformPose):
-                raise BadInputError("a warm robot is sent to a pose: give --at-mm and --tilt-deg, or --cold")
+                raise BadInputError("a warm robot needs a pose: give --at-mm and --tilt-deg, or --cold")
             state = heated.locate(command)
         loops = state.location.loops
         told = heated.shares(state, (loops.end_frame or "", loops.working_frame)) if shares else {}
@@ -141,12 +141,12 @@ class Warmth:
         lip = list(self.shares.values())[-1]
         missing = lip.remainder.distance_m
         say(
-            f"the shares need not add up: geometry + heat misses the lip's actual place by {missing / MM:.4f} mm, "
-            f"{missing / max(lip.together.distance_m, 1e-15):.2%} of its error"
+            f"the shares need not add up: geometry + heat differs from the lip's full error by {missing / MM:.4f} mm, "
+            f"{missing / max(lip.together.distance_m, 1e-15):.2%} of it"
         )
         say(heat_line(*self.warm))
         say(
-            f"temperatures taken where the ladle is, {state.turns} times; the last time moved it by "
+            f"temperatures computed at the ladle's place {state.turns} times; the last change moved it by "
             f"{state.unsettled_m / MM:.1e} mm{unsettled_words(state.unsettled_m)}"
         )
 
@@ -182,7 +182,7 @@ def twice_lines(robot: Robot, heat: HeatSection | None) -> tuple[str, ...]:
     names = [name for name in robot.model.conditional if any(need.endswith(RISE) for need in known[name].needs)]
     if not names:
         return ()
-    return (f"heat counts twice: the melt warms the robot, and so does {', '.join(names)} of the model; keep one",)
+    return (f"heat counts twice: by the melt, and by {', '.join(names)} of the model; keep one",)
 
 
 def heat_line(heated: HeatedRobot, state: WarmState) -> str:
@@ -192,9 +192,9 @@ def heat_line(heated: HeatedRobot, state: WarmState) -> str:
 
 def alone_line(heat: HeatSection) -> str:
     """Return on one line how long each pose of a list is held."""
-    held = "until nothing changes" if heat.after_min is None else f"{heat.after_min:g} min"
+    held = "until steady" if heat.after_min is None else f"{heat.after_min:g} min"
     return (
-        f"every pose is taken by itself, cold at first and held {held}: what earlier poses leave behind is not in it; "
+        f"each pose is computed on its own, from cold and held {held}, without the heat of earlier poses; "
         "for poses one after the other, see pouring-robot thermal --history"
     )
 

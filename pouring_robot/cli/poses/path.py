@@ -24,7 +24,7 @@ def path(
     poses: Annotated[
         Path,
         argument(
-            "POSES.csv", "Columns x_mm, y_mm, z_mm, tilt_deg; of another robot its drives, or x, y, z and rx, ry, rz."
+            "POSES.csv", "Columns x_mm, y_mm, z_mm, tilt_deg; for another robot its drives, or x, y, z and rx, ry, rz."
         ),
     ],
     which: bundles.RobotOptions,
@@ -35,9 +35,9 @@ def path(
     at_once: options.AtOnce = False,
     heat: bundles.Heat,
 ) -> None:
-    """Say where the ladle, or another robot, is for every command of a table, one row each.
+    """Compute where the ladle, or another robot, is for every command of a table, one row each.
 
-    A warm robot is taken by itself at every pose: held until nothing changes, or so long from cold (--after-min).
+    Each pose of a warm robot is computed on its own: in the steady state, or after --after-min from cold.
     """
     from pouring_robot.cli.poses import heat as warm
     from pouring_robot.cli.shared import locations as places
@@ -101,7 +101,7 @@ def _at_once(
     from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, locate_path
 
     if not isinstance(robot, PouringRobot):
-        raise BadInputError("--at-once knows the pouring robot only")
+        raise BadInputError("--at-once works for the pouring robot only")
     poses = [command for command in commanded.values() if isinstance(command, PlatformPose)]
     wanted = [pose.values for pose in poses]
     with progress.stage_bars() as show:
@@ -109,7 +109,7 @@ def _at_once(
     lip = found.sel(frame=robot.model.definition.loops.working_frame)
     status = found.status.values.tolist()
     if set(status) == {status[0]} and status[0] != STATUS_NAMES[CLOSED]:
-        raise NoSolutionError(f"no pose has an answer; the first is '{status[0]}'")
+        raise NoSolutionError(f"no pose has a solution; the first is '{status[0]}'")
     errors = zip(lip.error_position.values / MM, lip.error_rotation.values / MRAD, status, strict=True)
     rows = [
         pose.figures() | (_error(shift, turn) if np.isfinite(shift).all() else {}) | {"status": one}
@@ -153,7 +153,7 @@ def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path],
     if required is not None:
         verdict = f": {'within' if worst <= required * 1e3 else 'BEYOND'} the required {required * 1e3:g} mm"
     lost = sum("error_mm" not in row for row in rows)
-    verdict += f"; {lost} without an answer" if lost else ""
+    verdict += f"; {lost} without a solution" if lost else ""
     options.say(f"largest error {worst:.3f} mm{verdict}", style="bold")
     if not in_file:
         rows = [{name: value for name, value in row.items() if value != STATUS_NAMES[CLOSED]} for row in rows]
@@ -169,7 +169,7 @@ def _print(robot: Robot, rows: list[Row], notes: list[str], written: list[Path],
         ]
         cells = [[cell(name, row[name]) if name in row else "" for name in names] for row in rows]
         tip = robot.model.definition.loops.working_frame
-        beside = "" if robot.model.named.get("layout") else ", beside where it should be"
+        beside = "" if robot.model.named.get("layout") else ", with its nominal place"
         print_rows(short, cells, f"error of {tip}{beside}: mm, mrad")
     options.print_notes(notes)
     options.print_written(written)

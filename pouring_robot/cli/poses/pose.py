@@ -13,7 +13,7 @@ def pose(
     heat: bundles.Heat,
     thermal_model: options.ThermalModelFile = None,
 ) -> None:
-    """Say where the ladle, or another robot, should be, where it is, cold or warm, and what the joints are forced to.
+    """Compute the nominal and actual pose of the ladle, or of another robot, cold or warm, and the internal loads.
 
     Text and JSON alike give positions and legs in mm, tilt and joint angles in degrees, and errors in mm and mrad.
     """

@@ -28,13 +28,21 @@ class Moved:
     """What moves every part."""
 
     under: Annotated[
-        Literal["heat", "weight", "both"] | None, opt("Say how far every part moves: truss, platforms, legs, ladle.")
+        Literal["heat", "weight", "both"] | None,
+        opt("Compute how far every part moves: truss, platforms, legs, ladle."),
     ] = None
-    payload_kg: Annotated[float | None, opt("Melt for --under (default: the layout's largest).", min=0.0)] = None
+    payload_kg: Annotated[float | None, opt("Mass of melt for --under (default: the layout's largest).", min=0.0)] = (
+        None
+    )
     ladle_degC: Annotated[
-        float | None, opt("Ladle's steel for --under (default: computed).", "--ladle-degC", min=ABSOLUTE_ZERO_DEGC)
+        float | None,
+        opt(
+            "Temperature of the ladle's steel for --under (default: computed).", "--ladle-degC", min=ABSOLUTE_ZERO_DEGC
+        ),
     ] = None
-    stiffness: Annotated[Path | None, reads("Stiffness of the parts for --under (default: the shipped file).")] = None
+    stiffness: Annotated[Path | None, reads("Stiffness file of the parts for --under (default: the shipped one).")] = (
+        None
+    )
 
     def check(self) -> None:
         """Refuse what does not belong to what is asked, and what is no load and no temperature."""
@@ -47,7 +55,7 @@ class Moved:
         if self.under == "heat" and (self.payload_kg is not None or self.stiffness is not None):
             raise BadInputError("--payload-kg and --stiffness belong to --under weight or both: heat bends nothing")
         if self.under == "weight" and self.ladle_degC is not None:
-            raise BadInputError("--ladle-degC belongs to --under heat or both: weight is seen on the cold robot")
+            raise BadInputError("--ladle-degC belongs to --under heat or both: weight acts on the cold robot")
         faults = (
             ("payload-kg", self.payload_kg is not None and first_fault(np.array([self.payload_kg]), "mass")),
             ("ladle-degC", self.ladle_degC is not None and first_fault(np.array([self.ladle_degC]), "temperature")),
@@ -105,12 +113,14 @@ def thermal(
     history: Annotated[
         Path | None,
         reads(
-            "A shift: columns time_min (or _s, _h), melt_degC, if wanted ambient_degC, and x_mm y_mm z_mm tilt_deg, "
-            "of every row, if the pose changes.",
+            "A shift: columns time_min (or _s, _h), melt_degC, optionally ambient_degC, and, if the pose changes, "
+            "x_mm y_mm z_mm tilt_deg in every row.",
             "FILE.csv",
         ),
     ] = None,
-    every_min: Annotated[float | None, opt("Rows of a shift (default: those of its file).", metavar="MIN")] = None,
+    every_min: Annotated[
+        float | None, opt("Time step of the rows of a shift (default: the rows of its file).", metavar="MIN")
+    ] = None,
     which: bundles.RobotOptions,
     melt: bundles.Melt,
     conduction_only: Annotated[
@@ -119,15 +129,14 @@ def thermal(
     csv: Annotated[Path | None, writes_csv("Write every element, or every row of a shift.")] = None,
     png: options.PngFile = None,
     moved: Moved,
-    html: Annotated[Path | None, writes("Write a page: the shift, to play, or parts coloured by --under.")] = None,
+    html: Annotated[Path | None, writes("Write a 3-D page: the shift, to play, or parts coloured by --under.")] = None,
     report: options.ReportFile = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Say how warm legs and platforms get under the melt, and how that alone moves the ladle.
+    """Compute how warm the melt makes legs and platforms, and how that alone moves the ladle.
 
-    A pose is given by --at-mm and held until nothing changes (or --after-min); a shift by --history. Geometric errors
-    of a model file take no part; its heat section does. What it says was measured is of one moment, and takes
-    no part in a shift.
+    --at-mm gives a pose, held until steady (or for --after-min); --history gives a shift. Of a model file the heat
+    section is used, geometric errors are not. Its measured temperatures are of one moment, and not used in a shift.
     """
     from pouring_robot.cli.shared.tables import print_blocks
     from pouring_robot.report.page import Paragraph
@@ -198,7 +207,7 @@ def _on_measured(heat: HeatSection, *, of_shift: bool) -> list[str]:
     if not heat.measured_degC:
         return []
     values = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
-    count = "are of one moment and take no part in a shift" if of_shift else "take the place of computed ones in growth"
+    count = "are of one moment and not used in a shift" if of_shift else "replace computed ones in the expansion"
     return [f"measured temperatures of the model file {count}: {values}"]
 
 
@@ -219,14 +228,14 @@ def _check(
         raise BadInputError("--under is for a pose that is held: give --at-mm and --tilt-deg, and no --history")
     if history is not None and (melt.melt_degC is not None or melt.steady or melt.after_min is not None):
         raise BadInputError(
-            "--history tells the melt's temperature and the time; leave out --melt-degC, --steady and --after-min"
+            "--history gives the melt's temperature and the time; leave out --melt-degC, --steady and --after-min"
         )
     if every_min is not None and history is None:
         raise BadInputError("--every-min gives the rows of a shift; give the shift by --history")
     if tilt_deg is not None and at_mm is None:
         raise BadInputError("--tilt-deg belongs to a pose; give its position by --at-mm")
     if history is None and at_mm is None:
-        raise BadInputError("say where the robot stands: --at-mm X Y Z and --tilt-deg T")
+        raise BadInputError("give the pose: --at-mm X Y Z and --tilt-deg T")
 
 
 def _shift(

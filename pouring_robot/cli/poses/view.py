@@ -31,17 +31,18 @@ def view(
 ) -> None:
     """Move the nominal and the actual robot in the browser by sliders, until Ctrl-C.
 
-    Without a command it stands in the middle of its workspace, or at its home. Sliders move the pose or the drives, the
-    melt's temperature and its time, and every geometric error. With --path or --campaign the page plays instead.
+    Without a command the robot starts in the middle of its workspace, or at its home. Sliders move the pose or the
+    drives, the melt's temperature and its time, and every geometric error. With --path or --campaign the page plays
+    instead.
     """
     from pouring_robot.viewer import serve
 
     if sum((commanded.given, path is not None, campaign is not None)) > 1:
-        raise BadInputError("give one of a command, --path and --campaign")
+        raise BadInputError("give only one of a command, --path and --campaign")
     if campaign is not None and exaggerate is not None:
         raise BadInputError("--exaggerate is for a robot or a path; the page of a campaign has a slider for it")
     if path is None and under.condition:
-        raise BadInputError("--condition belongs to --path: sliders take the robot as it stands")
+        raise BadInputError("--condition belongs to --path: sliders show the robot without conditions")
     bench = None
     if campaign is not None:
         scene = _campaign_scene(campaign, which)
@@ -96,5 +97,5 @@ def _campaign_scene(file: Path, which: bundles.RobotOptions) -> Scene:
         show("reading and closing every row", 0, 0)
         scene = campaign_scene(Campaign.read(file, model.definition), model)
     if scene is None:
-        raise BadInputError(f"{file}: no row has a measured position, or the robot's end body has nothing to be drawn")
+        raise BadInputError(f"{file}: no row has a measured position, or the robot's end body has nothing to draw")
     return scene

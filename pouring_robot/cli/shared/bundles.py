@@ -47,7 +47,7 @@ class RobotOptions:
 
         given = [f"--{name}" for name, value in vars(self).items() if value]
         if len(given) > 1:
-            why = "a model file names its robot and its layout" if self.model else "layouts are of the pouring robot"
+            why = "a model file names its robot and its layout" if self.model else "layouts belong to the pouring robot"
             raise BadInputError(f"give {' or '.join(given)}, not both: {why}")
         if self.robot is not None:
             return RobotModel.for_robot(self.robot)
@@ -86,7 +86,7 @@ class CommandOptions:
         import numpy as np
 
         if (self.at_mm is None) == (self.drives is None):
-            raise BadInputError("give a pose by --at-mm or drive values by --drives, one of the two")
+            raise BadInputError("give either a pose by --at-mm or drive values by --drives")
         if self.tilt_deg is not None and self.rotation_deg is not None:
             raise BadInputError("give --tilt-deg or --rotation-deg, not both: a tilt T is the rotation 0 T 0")
         turn = (0.0, self.tilt_deg, 0.0) if self.tilt_deg is not None else self.rotation_deg
@@ -112,7 +112,7 @@ class ConditionOptions:
 
     condition: Annotated[
         list[str] | None,
-        opt("A condition of what the model learned, as a campaign's column; repeat.", metavar="NAME=VALUE"),
+        opt("Condition for the model's effects, named as in a campaign; repeatable.", metavar="NAME=VALUE"),
     ] = None
 
     def read_commands(self, robot: Robot, path: Path) -> Mapping[int, Command]:
@@ -125,13 +125,13 @@ class ConditionOptions:
         from pouring_robot.robot.pouring_robot import PouringRobot
 
         if path.is_fifo():
-            raise BadInputError(f"{path}: is a pipe, and this table is read more than once; save it as a file")
+            raise BadInputError(f"{path}: is a pipe, but this table is read more than once; save it as a file")
         known = condition_headings(robot.model.definition)
         found = robot.read_commands(path, known)
         unused = [name for name in read_table(path, "").headings if name in known and not robot.model.conditional]
         if unused:
             told = any(name.rpartition("_")[2] in UNITS["temperature"] for name in unused)
-            warms = "; --melt-degC and --ambient-degC warm it, alike at every pose"
+            warms = "; --melt-degC and --ambient-degC warm the robot, alike at every pose"
             said = warms if told and isinstance(robot, PouringRobot) else ""
             options.note(f"{path}: nothing in the model depends on {', '.join(unused)}{said}")
         return found
@@ -158,7 +158,7 @@ class ConditionOptions:
         if robot.model.conditional:
             effects = ", ".join(robot.model.conditional)
             raise BadInputError(
-                f"{option} takes the same robot at every pose, and {effects} depend on conditions; leave it out"
+                f"{option} uses the same robot at every pose, but {effects} depend on conditions; leave {option} out"
             )
         self.of(robot)
 
@@ -186,7 +186,7 @@ class ConditionOptions:
 def say_idle(under: RobotUnderConditions, drives: ArrayLike) -> None:
     """Say on standard error which conditions given by option change nothing at commands (n, drives), in m and rad."""
     if under.given and (idle := ", ".join(under.idle(drives))):  # without any there is nothing to close again for
-        options.note(f"without --condition {idle} the robot stands the same here")
+        options.note(f"--condition {idle} changes nothing here")
 
 
 @contextlib.contextmanager
@@ -233,8 +233,8 @@ class Melt:
             metavar="T",
         ),
     ] = None
-    steady: Annotated[bool, opt("Warm, after so long that nothing changes any more.", "--steady")] = False
-    after_min: Annotated[float | None, opt("Warm, so long after the melt came to the cold robot.", metavar="MIN")] = (
+    steady: Annotated[bool, opt("Warm, in the steady state.", "--steady")] = False
+    after_min: Annotated[float | None, opt("Warm, this long after the melt came to the cold robot.", metavar="MIN")] = (
         None
     )
 
@@ -248,7 +248,7 @@ class Melt:
         given: dict[str, Any] = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         if isinstance(self, Heat) and self.cold:
             if given or self.steady:
-                raise BadInputError("--cold leaves heat out; give it alone, or leave it out")
+                raise BadInputError("--cold leaves heat out; give it without other options of heat")
             return None
         if robot.model.heat is None and not given and not self.steady:
             return None
@@ -260,7 +260,7 @@ class Melt:
         options.note(*section.cautions)
         if told.measured_degC and not section.measured_degC:
             parts = ", ".join(told.measured_degC)
-            options.note(f"measured temperatures of the model file are of another time and take no part: {parts}")
+            options.note(f"measured temperatures of the model file are of another time and not used: {parts}")
         return section
 
 
@@ -268,7 +268,7 @@ class Melt:
 class Heat(Melt):
     """How warm it is, if at all."""
 
-    cold: Annotated[bool, opt("Leave out the heat that the model file tells of.", "--cold")] = False
+    cold: Annotated[bool, opt("Leave out the heat that the model file states.", "--cold")] = False
 
 
 @dataclass(frozen=True)
@@ -284,7 +284,7 @@ class Drawing:
 
     def __post_init__(self) -> None:
         if self.exaggerate is not None and not (self.html or self.png):
-            raise BadInputError("--exaggerate enlarges the errors of a drawing; ask for one with --html or --png")
+            raise BadInputError("--exaggerate enlarges the errors in a picture; ask for one with --html or --png")
 
     def files(
         self, locations: list[Location], model: RobotModel, *, warm: bool = False
@@ -330,8 +330,8 @@ class Drawing:
         words = "robot under conditions", "leaves them out"
         robot, does = words if model.conditional else ("warm robot", "is cold")
         return [
-            f"{self.joints} is of the {robot}, and the tree that 'export' writes {does}: by these joint values its "
-            f"{model.definition.loops.working_frame} stands up to {np.nanmax(off) / MM:.3f} mm beside"
+            f"{self.joints} is for the {robot}, but the tree that 'export' writes {does}: with these joint values its "
+            f"{model.definition.loops.working_frame} is up to {np.nanmax(off) / MM:.3f} mm off"
         ]
 
 

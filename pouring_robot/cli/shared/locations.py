@@ -117,10 +117,10 @@ def print_closure_note(
         if actual.rank > nominal.rank:
             print_indented(
                 f"the chains over-constrain the platform: {actual.rank - nominal.rank} equations more than rigid "
-                "parts could meet, so the joints are forced by what is left open"
+                "parts can satisfy, so the open gap loads the joints"
             )
         if location.loops.redundant_drives:  # the stiffness of joints would make of it what no line carries
-            print_indented("what is left open is what the redundant drives disagree by, and no load")
+            print_indented("the open gap is the disagreement of redundant drives, not a load")
         else:
             say(
                 f"internal load: up to {actual.internal_force_n:.1f} N and {actual.internal_torque_nm:.1f} Nm in a "

@@ -133,7 +133,7 @@ def results_folder(*files: str, what: str = "") -> Any:
 
     _WRITES.add(fresh)
     named = ", ".join([*([what] if what else []), *files])
-    return opt(f"Folder, made if need be, for {named}.", "--out", metavar="DIR", callback=fresh)
+    return opt(f"Folder, created if needed, for {named}.", "--out", metavar="DIR", callback=fresh)
 
 
 def is_output(annotation: Any) -> bool:
@@ -162,7 +162,7 @@ def refuse_inputs(files: Iterable[Path]) -> None:
     """Refuse to write to a file that is read: ``--overwrite`` is of what was written before."""
     for path in files:
         if path.resolve() in INPUTS.get() and path.is_file():
-            raise OutputError(path, "it is read by this very command; choose another name for what is written")
+            raise OutputError(path, "this command reads it; choose another name for the output")
 
 
 AtMm = Annotated[
@@ -171,25 +171,30 @@ AtMm = Annotated[
 ]
 TiltDeg = Annotated[float | None, opt("Commanded tilt about y (default: 0).", metavar="T", callback=_of_size)]
 RotationDeg = Annotated[
-    Point | None, opt("Commanded attitude of an end frame: a rotation vector.", metavar="RX RY RZ", callback=_of_size)
+    Point | None,
+    opt("Commanded orientation of an end frame: a rotation vector.", metavar="RX RY RZ", callback=_of_size),
 ]
 Drives = Annotated[
     str | None,
     opt("Commanded joint values of the drives, in the robot's order: mm, deg.", metavar='"V V ..."', callback=_of_size),
 ]
 ModelFile = Annotated[Path | None, reads("Model file of the robot as built (default: the drawing).")]
-RobotFile = Annotated[Path | None, reads("Robot file, robot.yaml, of another robot than the pouring robot.")]
+RobotFile = Annotated[Path | None, reads("Robot file, robot.yaml, of a robot other than the pouring robot.")]
 LayoutName = Annotated[str | None, opt("Layout of the dimensions file (default: paper).", metavar="NAME")]
 AsJson = Annotated[bool, opt("Print JSON instead of a table.", "--json")]
-CampaignFile = Annotated[Path, argument("CAMPAIGN", "Table, such as a CSV; the YAML of the same stem lies beside it.")]
+CampaignFile = Annotated[
+    Path, argument("CAMPAIGN", "Table, such as a CSV, with a YAML file of the same name beside it.")
+]
 TolerancesFile = Annotated[Path | None, reads("Tolerances of the parts (default: the robot's own, or the shipped).")]
-HoldOutBy = Annotated[Literal["auto", "session", "time", "region"], opt("What block takes no part in the fit.")]
-ReportFile = Annotated[Path | None, writes("Write what is printed, with plots, as a page.")]
+HoldOutBy = Annotated[Literal["auto", "session", "time", "region"], opt("How rows are grouped into held-out blocks.")]
+ReportFile = Annotated[Path | None, writes("Write the output, with plots, as an HTML page.")]
 PngFile = Annotated[Path | None, writes("Write a picture; no screen is needed.", check=_check_png)]
-AtOnce = Annotated[bool, opt("All poses at once, hundreds of times faster; temperatures need not settle.", "--at-once")]
-Exaggeration = Annotated[float | None, opt("Draw errors at this many times their size.", metavar="FACTOR")]
-ThermalModelFile = Annotated[Path | None, reads("What heat adds by a regression, from 'regress --out'.")]
-Overwrite = Annotated[bool, opt("Replace files that are there.", "--overwrite", is_eager=True, callback=_may_overwrite)]
+AtOnce = Annotated[
+    bool, opt("All poses at once, hundreds of times faster; temperatures are not iterated to the end.", "--at-once")
+]
+Exaggeration = Annotated[float | None, opt("Enlarge drawn errors this many times.", metavar="FACTOR")]
+ThermalModelFile = Annotated[Path | None, reads("Thermal model from 'regress --out'.")]
+Overwrite = Annotated[bool, opt("Replace existing files.", "--overwrite", is_eager=True, callback=_may_overwrite)]
 Quiet = Annotated[bool, opt("Print nothing but errors and JSON.", "--quiet", "-q")]
 
 
@@ -201,7 +206,7 @@ def with_melt(robot: Robot) -> PouringRobot:
         return robot
     name = robot.model.definition.name
     raise BadInputError(
-        f"temperatures are computed from the pouring robot's melt, which {name} does not have; how it grows with "
+        f"temperatures are computed from the pouring robot's melt, which {name} does not have; its growth with "
         f"measured ones is found by 'diagnose', see pouring-robot effects --robot FILE"
     )
 
