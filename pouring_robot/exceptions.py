@@ -273,7 +273,7 @@ class SingularPoseError(_DegeneratePoseError):
 class LockedPoseError(_DegeneratePoseError):
     """No drives move a frame along some direction; ratio: least over largest singular value of its Jacobian."""
 
-    _words = "no drives move the robot in every direction here (ratio of singular values"
+    _words = "the drives cannot move the robot in every direction here (ratio of singular values"
 
 
 class CompensationError(NoSolutionError):
@@ -303,8 +303,9 @@ class UnsettledCommandsError(NoSolutionError):
     def __init__(self, pose: int, moved: float) -> None:
         self.pose, self.moved = pose, moved
         super().__init__(
-            f"pose {pose}: what the model's effects do changes with the commands that cancel it, and these still move "
-            f"by {moved * 1e3:.2g} mm or mrad; state sides of approach (approach_<drive>), or look at the effects' size"
+            f"pose {pose}: the model's effects depend on the compensated commands, which do not converge: they still "
+            f"change by {moved * 1e3:.2g} mm or mrad; state sides of approach (approach_<drive>), or check "
+            "the effects' size"
         )
 
 
@@ -324,7 +325,7 @@ class FrameFitError(BadInputError):
         self.rows, self.needed = rows, needed
         super().__init__(
             f"the frames of tracker and target need at least {needed} rows with reachable drives and a complete "
-            f"position, and there are {rows}; measure more poses, or mend the drive values"
+            f"position, and there are {rows}; measure more poses, or correct the drive values"
         )
 
 
@@ -359,8 +360,8 @@ class MissingConditionsError(BadInputError):
         needed = ", ".join(headings) + (f" (or, for the load, {', '.join(instead)})" if instead else "")
         self.problem = f"the model's effect{'s' if others else ''} '{names}' need{'' if others else 's'} {needed}"
         super().__init__(
-            f"{self.problem}: give it as a column of that name beside the "
-            f"poses, or for all of them by --condition {first}=VALUE (in Python {{'{first}': VALUE}})"
+            f"{self.problem}: give a column of that name beside the "
+            f"poses, or one value for all of them by --condition {first}=VALUE (in Python {{'{first}': VALUE}})"
         )
 
 
@@ -377,7 +378,7 @@ class TemperatureError(BadInputError):
 
     def __init__(self, what: str, value_degC: float, fault: str = "") -> None:
         self.what, self.value_degC = what, value_degC
-        self.fault = fault or f"{value_degC:g} degC is no temperature; check the value"
+        self.fault = fault or f"{value_degC:g} degC is not a temperature; check the value"
         super().__init__(f"{what}: {self.fault}")
 
 

@@ -105,7 +105,9 @@ class Campaign(Result):
                 object.__setattr__(self, name, _checked(name, values, (rows, len(parts))))
         conditions = columns.numeric_conditions(self.robot)
         for unknown in (name for name in self.conditions if name not in conditions):
-            raise BadInputError(f"'{unknown}' is no condition of {self.robot.name}{closest(unknown, self._quantities)}")
+            raise BadInputError(
+                f"'{unknown}' is not a condition of {self.robot.name}{closest(unknown, self._quantities)}"
+            )
         kept = {name: _checked(name, values, (rows,)) for name, values in self.conditions.items()}
         known = {name: values for name, values in kept.items() if not np.isnan(values).all()}  # without empty columns
         object.__setattr__(self, "conditions", locked(known))
@@ -207,7 +209,7 @@ class Campaign(Result):
         )
         for row, name in enumerate(found.distance_from):
             if name and (found.samples.count(name) != 1 or found.samples[row] == name):
-                wrong = f"must be the sample of one other row, and is '{name}'"
+                wrong = f"must be the sample of one other row, not '{name}'"
                 raise table.fault(wrong, row, columns.DISTANCE_FROM)
         return found
 
@@ -414,8 +416,8 @@ def _refuse_campaign_of_another(path: Path, robot: RobotDefinition, problem: Cam
     except PouringRobotError:
         return  # the YAML's own mistake; that of the columns comes first
     if named and named != robot.name:
-        said = f"is a campaign of the robot '{named}', and was read as one of '{robot.name}'"
-        mend = "name its robot file (--robot; in Python the argument robot, its path)"
+        said = f"is a campaign of the robot '{named}', but was read as one of '{robot.name}'"
+        mend = "give its robot file (--robot; in Python the argument robot, its path)"
         raise CampaignError(path, f"{said}; {mend}") from problem
 
 

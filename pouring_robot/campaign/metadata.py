@@ -156,8 +156,8 @@ def metadata_path(path: Path | str) -> Path:
         raise CampaignError(table, f"is no usable file name: {error}") from error
     raise CampaignError(
         table,
-        f"the file {table.with_suffix('.yaml').name} with metrology noise and robot data is missing beside it; write "
-        "one, as 'campaign simulate' does: in the least a line 'robot: NAME'",
+        f"the file {table.with_suffix('.yaml').name} with measurement noise and robot data is missing beside it; write "
+        "one, like 'campaign simulate' does, with at least a line 'robot: NAME'",
     )
 
 

@@ -72,7 +72,7 @@ def read_plan(path: Path | str, robot: Robot) -> PosePlan:
     if not np.isfinite(values).all():
         row, column = (int(k[0]) for k in np.nonzero(~np.isfinite(values)))
         names = ", ".join(quantity.name for quantity in wanted)
-        raise table.fault(f"the value is missing; a plan needs {names} of every pose", row, wanted[column].name)
+        raise table.fault(f"the value is missing; a plan needs {names} for every pose", row, wanted[column].name)
     commands = robot.drawing.commands(values)
     for row in np.flatnonzero(~robot.drawing.in_reach(commands.start)).tolist():
         try:
@@ -109,9 +109,9 @@ def refuse_redundant(robot: Robot) -> None:
     """Raise BadInputError for a robot whose drives cannot be commanded one by one."""
     if robot.model.definition.loops.redundant_drives:
         raise BadInputError(
-            f"{robot.model.definition.name} has redundant drives, and commands that were chosen one by one would "
-            "disagree by far more than errors make them; take redundant_drives out of a copy of its robot file, with "
-            "as many drives as it has freedoms"
+            f"{robot.model.definition.name} has redundant drives, and commands chosen independently would "
+            "contradict each other by far more than errors do; use a copy of its robot file without redundant_drives, "
+            "with as many drives as freedoms"
         )
 
 

@@ -134,7 +134,7 @@ def simulate_campaign(
     for standing in robots or ():
         expect(standing, Robot, LOADED)
     if robots is not None and len(robots) != rows:
-        raise BadInputError(f"{len(robots)} robots do not stand at {rows} poses; give one a pose")
+        raise BadInputError(f"{len(robots)} robots do not match {rows} poses; give one per pose")
     wrong_scale = f"the error of the tracker's scale is one number, or one for each of {rows} poses"
     if np.shape(scale) not in ((), (rows,)):
         raise BadInputError(wrong_scale)

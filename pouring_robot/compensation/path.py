@@ -76,7 +76,7 @@ class CompensatedPath(ReadOnly, Result):
             return f"no drive values for any of {len(found)} poses: {self.status[0] if len(found) else 'there is none'}"
         before, left = self.before_m[found].max(), np.linalg.norm(self.left[found, :3], axis=1).max()
         return (
-            f"{found.sum()} of {len(found)} poses: '{self.frame}' at most {before / MM:.3f} mm off without "
+            f"{found.sum()} of {len(found)} poses: '{self.frame}' is at most {before / MM:.3f} mm off without "
             f"compensation{', as warm,' if self.strain.any() else ','} {left / MM:.1e} mm with it"
         )
 
@@ -201,8 +201,8 @@ class Controller(ReadOnly, Result):
         """How near it comes to what the package finds."""
         length, tilt = self.drive_error[:3].max() / MM, self.drive_error[3] / MRAD
         return (
-            f"all over the workspace within {length:.1e} mm and {tilt:.1e} mrad of the package's drives, by "
-            f"{self.checked} poses; '{self.frame}' comes within {self.place_error_m / MM:.1e} mm and "
+            f"throughout the workspace within {length:.1e} mm and {tilt:.1e} mrad of the package's drives, checked "
+            f"at {self.checked} poses; '{self.frame}' comes within {self.place_error_m / MM:.1e} mm and "
             f"{self.tilt_error_rad / MRAD:.1e} mrad"
         )
 

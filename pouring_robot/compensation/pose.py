@@ -286,7 +286,7 @@ class DriveCompensation(Result):
         left = f"{self.left.distance_m / MM:.1e} mm and {self.left.angle_rad / MRAD:.1e} mrad with it"
         said = f"{off} without compensation, {left}"
         if self.kept:
-            why = "the pose is singular or nearly so and nothing better was found; the drives are kept"
+            why = "the pose is (nearly) singular and nothing better was found; the drives are kept"
             said = f"{off}, not compensated: {why}"
         return f"{said}: {', '.join(drive_words(self.wanted.nominal.mechanism, self.drives))}"
 
@@ -377,16 +377,17 @@ def drive_notes(found: Sequence[DriveCompensation]) -> list[str]:
         furthest = {mechanism.unit_of(name): (name, way) for way, name in ascending}  # the last of each unit
         by = " and ".join(drive_words(mechanism, dict(furthest.values())))
         notes.append(
-            f"drives go far from what was wanted: {len(ways)} {many}, by up to {by}; errors are large, or poses are "
-            "singular or nearly so (stretched out, axes on one line): look at it before the robot moves"
+            f"compensated drives are far from the given ones: {len(ways)} {many}, by up to {by}; errors are "
+            "large, or poses "
+            "are (nearly) singular (arm stretched, axes aligned): check this before the robot moves"
         )
     if kept := sum(one.kept for one in found):
         notes.append(
-            f"not compensated, as singular or nearly so and nothing better found: {kept} {many}, their drives are kept"
+            f"not compensated, as (nearly) singular with nothing better found: {kept} {many}; their drives are kept"
         )
     for what, unit, scale, why in (
-        ("position", "mm", MM, "command the drives of the poses themselves there"),
-        ("attitude", "mrad", MRAD, "the drives cannot cancel all, and the place comes first"),
+        ("position", "mm", MM, "command the uncompensated drives there"),
+        ("attitude", "mrad", MRAD, "the drives cannot cancel everything, and position comes first"),
     ):
         if worse := [one.worse[what] for one in found if what in one.worse]:
             notes.append(

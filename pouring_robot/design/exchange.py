@@ -138,7 +138,9 @@ class _Search:
         triangle: FloatArray = np.asarray(np.linalg.qr(stack, mode="r"))
         own = np.abs(np.diagonal(triangle))
         if len(own) < unknowns or np.any(own <= RANK_TOLERANCE * np.linalg.norm(triangle, axis=0)):
-            raise BadInputError("all candidates together do not determine the unknowns; leave some out or give priors")
+            raise BadInputError(
+                "even all candidates together do not determine the unknowns; leave some unknowns out or give priors"
+            )
         flat = scipy.linalg.solve_triangular(triangle, candidates.rows.reshape(-1, unknowns).T, trans="T").T
         self.rows = np.ascontiguousarray(flat.reshape(candidates.rows.shape))
         weights = scipy.linalg.solve_triangular(triangle, np.diag(candidates.inverse_std), trans="T")

@@ -95,11 +95,11 @@ class Planner:
         names = [*self._frame_names, *self.left_out]
         if set(base_parameters(rows, names, lead=self._frame_names).base) <= set(self._frame_names):
             mend = "" if self.request.parameters else "; name others, or all of the geometry (--parameters geometry)"
-            same = "the frames of tracker and target do the same"
-            return f"measurements show none of the parameters ({some}): {same}{mend}"
+            same = "they cannot be separated from the frames of tracker and target"
+            return f"measurements cannot determine any of the parameters ({some}): {same}{mend}"
         return (
-            f"{self.request.poses} poses show none of the parameters ({some}) by more than the noise, were they off by "
-            "their tolerances; plan more poses, or measure with less noise (--sigma-mm, --sigma-mrad)"
+            f"{self.request.poses} poses show none of the parameters ({some}) above the noise, even if off by their "
+            "tolerances; plan more poses, or measure with less noise (--sigma-mm, --sigma-mrad)"
         )
 
     def _apart(self, columns: FloatArray) -> FloatArray:
@@ -125,11 +125,11 @@ class Planner:
         count, least, tried = np.count_nonzero(closed), max(self.request.poses, 20), len(candidates)
         if count < least and count > tried / 2:
             raise BadInputError(
-                f"{least} poses to choose from are needed, and {count} of {tried} close; give more candidates "
+                f"{least} candidate poses are needed, but only {count} of {tried} close; give more candidates "
                 f"(--candidates) than {self.request.candidates}"
             )
         if count < least:
-            raise NoSolutionError("the robot can hardly go anywhere in its workspace; check limits and model")
+            raise NoSolutionError("hardly any pose of the workspace can be reached; check limits and model")
         shape = (-1, len(self.states), len(sides), *rows.shape[2:])
         return poses[closed], rows[closed].reshape(shape)
 

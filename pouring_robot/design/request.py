@@ -138,7 +138,7 @@ def planned_parameters(robot: Robot, request: PlanRequest) -> tuple[PlannedParam
     """
     catalogue, warmed = robot.parameters, causes_of(robot.model.definition).drive_thermometers
     if request.drive_degC and not warmed:
-        raise BadInputError("no sliding drive has a thermometer, so temperatures show nothing of them; plan without")
+        raise BadInputError("no sliding drive has a thermometer, so temperatures tell nothing about them; plan without")
     wanted = all_parameters(catalogue.groups(request.parameters or DEFAULT_SETS))
     every = {drive.joint for drive in catalogue.drives}
     planned: dict[Condition, Collection[str]] = {

@@ -22,7 +22,7 @@ def read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text; save it as such"
+        reason = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text; save it as UTF-8"
         raise DescriptionError(path, f"cannot be read: {reason}") from problem
 
 
@@ -46,7 +46,7 @@ def refuse_present(paths: Iterable[Path], *, overwrite: bool) -> None:
     """Refuse to replace files, as OutputError, unless ``overwrite`` is set."""
     for path in paths:
         if path.is_file() and not overwrite:
-            raise OutputError(path, "it is there already; choose another name, or say --overwrite (overwrite=True)")
+            raise OutputError(path, "it exists already; choose another name, or use --overwrite (overwrite=True)")
 
 
 def _put(given: Path, content: bytes | str) -> Path:
@@ -99,7 +99,7 @@ def write_together(
             for place, whole in hidden.items():
                 with _as_output_error(place):
                     if whole.is_dir() and place.exists():
-                        raise OutputError(place, "another run has made it meanwhile; choose another name")
+                        raise OutputError(place, "another run has created it meanwhile; choose another name")
                     if place.is_file():
                         before[place] = place.read_bytes()
                     whole.replace(_target(place))
@@ -134,7 +134,7 @@ def copy_folder(source: Path, folder: Path) -> list[Path]:
         OutputError: the folder exists already, or cannot be made.
     """
     if folder.exists():
-        raise OutputError(folder, "it is there already; choose another name")
+        raise OutputError(folder, "it exists already; choose another name")
     files = [path for path in sorted(source.rglob("*")) if path.is_file() and "__pycache__" not in path.parts]
     return write_together({folder / path.relative_to(source): path.read_bytes() for path in files})
 
@@ -146,7 +146,7 @@ def _as_output_error(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        mend = "make room there, or choose another place" if full else "choose a place you may write to"
+        mend = "free some space there, or choose another place" if full else "choose a place you may write to"
         raise OutputError(path, f"{error.strerror or error}; {mend}") from error
 
 
@@ -202,7 +202,7 @@ def _require_folder(place: Path, given: Path) -> None:
     if file := next((path for path in (place, *place.parents) if path.is_file()), None):
         raise OutputError(given, f"{file} is a file; give a folder")
     if not place.is_dir():
-        raise OutputError(given, f"the folder {place} does not exist; make it first")
+        raise OutputError(given, f"the folder {place} does not exist; create it first")
 
 
 def _require_access(place: Path, given: Path) -> None:
@@ -239,7 +239,7 @@ def check_ending(path: Path, endings: Sequence[str]) -> None:
     """
     if path.suffix.lower() not in endings and (path.is_file() or not path.exists()):
         other = f"as {path.suffix}" if path.suffix else "without an ending"
-        raise OutputError(path, f"it is written as {' or '.join(endings)}, not {other}; end its name so")
+        raise OutputError(path, f"it is written as {' or '.join(endings)}, not {other}; give it such an ending")
 
 
 def check_folder(folder: Path | str) -> Path:

@@ -33,7 +33,7 @@ def first_fault(values: NDArray[np.float64], kind: QuantityKind) -> tuple[int, s
         return int(wrong[0]), temperature_fault(value)
     if kind != "mass":
         return int(wrong[0]), size_fault(value, high) or "it must be finite, or NaN where it is unknown"
-    return int(wrong[0]), f"{value:g} kg is no load, which is {low:g} to {high:g} kg; check value and unit"
+    return int(wrong[0]), f"{value:g} kg is not a possible load ({low:g} to {high:g} kg); check value and unit"
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def whole_column(table: Table, quantity: Quantity) -> tuple[str, NDArray[np.floa
     """
     found = [heading for heading in table.headings if heading in quantity.headings]
     if len(found) != 1:
-        problem = "stands twice" if found else "is missing"
+        problem = "occurs twice" if found else "is missing"
         raise table.heading_fault(f"the column for {quantity.name} ({' or '.join(quantity.headings)}) {problem}")
     values = table.numbers(table.headings.index(found[0]))
     return found[0], to_inner(values, found[0].removeprefix(f"{quantity.name}_"))
@@ -135,7 +135,7 @@ def _understand(table: Table, quantities: Sequence[Quantity]) -> dict[str, int]:
             _refuse_slip(table, heading, quantities, known)
         elif quantity.name in found:
             earlier = table.headings[found[quantity.name]]
-            again = "it stands twice" if earlier == heading else f"'{quantity.name}' stands already as '{earlier}'"
+            again = "it occurs twice" if earlier == heading else f"'{quantity.name}' is already given as '{earlier}'"
             raise table.heading_fault(f"{again}; keep one of the two columns", heading)
         else:
             found[quantity.name] = index
@@ -161,7 +161,7 @@ def _refuse_slip(table: Table, heading: str, quantities: Sequence[Quantity], kno
         if heading in (quantity.name, f"{quantity.name}_") and UNITS[quantity.kind]:
             raise table.heading_fault(f"the column names no unit; write {wanted}", heading)
         if stem == quantity.name and (unit in OF_UNIT or len(unit) <= 4):
-            raise table.heading_fault(f"'{unit}' is no unit of {words}; write {wanted}", heading)
+            raise table.heading_fault(f"'{unit}' is not a unit of {words}; write {wanted}", heading)
     # Where a temperature such as leg1_degC was read, leg5_degC is not a typing error for it.
     read = {name for name, quantity in known.items() if quantity.kind == "temperature"} & {*table.headings}
     lower = {name.lower(): name for name in known if name not in read}

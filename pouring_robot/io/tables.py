@@ -19,7 +19,7 @@ from pouring_robot.io.files import EXCEL_SUFFIXES, PARQUET_SUFFIXES
 from pouring_robot.io.given import as_path
 from pouring_robot.io.units import LARGEST, LATEST, size_fault
 
-_COMMENT = "; a line that begins with # is no comment here: delete it, or the # where it stands before headings"
+_COMMENT = "; a line that begins with # is not a comment here: delete it, or only the # in front of headings"
 _MOST_ROWS = 1_000_000
 _UNUSABLE = "is not a usable number; write a finite one, or leave the cell empty if it is missing"
 _DATE = re.compile(r"(?P<year>\d{4})?\d{0,2}(?P<mark>[-/.:])\d{1,2}((?P=mark)\d{1,4}.*)?")
@@ -54,7 +54,7 @@ class Table:
         """Refuse headings that are not among these, and those that occur twice."""
         for heading in self.headings:
             if not heading:
-                mend = "name it, or take it out; pandas writes its index so, and not with index=False"
+                mend = "name it, or remove it; if it is the index of pandas, write the table with index=False"
                 raise self.heading_fault(f"a column has no heading; {mend}")
             if heading not in known:
                 with_unit = [name for name in known if name.lower().startswith(f"{heading.lower()}_")]
@@ -66,7 +66,7 @@ class Table:
         """Refuse headings that occur twice."""
         for heading in self.headings:
             if self.headings.count(heading) > 1:
-                raise self.heading_fault(f"column '{heading}' stands twice")
+                raise self.heading_fault(f"column '{heading}' occurs twice")
 
     def labels(self, index: int) -> tuple[str, ...]:
         """Return the cells of a column as text; "" where empty."""
@@ -93,7 +93,7 @@ class Table:
                 shown = "" if cell is None else " ".join(str(cell).split())[:40]
                 wrong = _UNUSABLE if sparse else "is not a finite number"
                 if _DECIMAL_COMMA.fullmatch(shown):
-                    wrong = "is no number: its decimal mark must be a point"
+                    wrong = "is not a number: the decimal mark must be a point"
                 elif timed and (date := _DATE.fullmatch(shown)):
                     wrong = _is_a_date(day_or_month_first=not date["year"] and date["mark"] != ":")
                 said = empty if empty and not shown else f"'{shown}' {wrong}"
@@ -230,7 +230,7 @@ def _excel_rows(path: Path, error: type[TableError]) -> _Rows:
     except OSError as problem:
         raise error(path, f"cannot be read: {problem.strerror or problem}") from problem
     except Exception as problem:  # what a damaged workbook raises depends on the package that opens it
-        raise error(path, "is no Excel file, or a damaged one; save it anew, or as CSV") from problem
+        raise error(path, "is not an Excel file, or a damaged one; save it again, or as CSV") from problem
     sheets = {name: rows for name, frame in frames.items() if (rows := _rows_of(frame))}
     if len(sheets) > 1:
         named = ", ".join(f"'{name}'" for name in sheets)

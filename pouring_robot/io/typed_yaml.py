@@ -29,7 +29,7 @@ from pouring_robot.io.units import LARGEST, UNITS
 
 def _upwards(limits: tuple[float, float]) -> tuple[float, float]:
     if limits[0] > limits[1]:
-        raise ValueError(f"a range runs upwards, not from {limits[0]:g} to {limits[1]:g}")
+        raise ValueError(f"a range starts with its lower end, unlike {limits[0]:g} to {limits[1]:g}")
     return limits
 
 
@@ -139,10 +139,10 @@ def parse_yaml(text: str, path: Path, wanted: str = "a YAML file with one") -> C
     except NotImplementedError as problem:  # the reader attaches comments to the item before them
         raise DescriptionError(path, "not valid YAML: a comment stands where the reader cannot place it") from problem
     except (TypeError, AttributeError) as problem:  # the reader cannot hold a mapping with a list in it as a key
-        said = "not valid YAML: a key is a list or a mapping, or what is merged by << is none"
+        said = "not valid YAML: a key is a list or a mapping, or << merges something that is not a mapping"
         raise DescriptionError(path, said) from problem
     except RecursionError as problem:
-        raise DescriptionError(path, "not valid YAML: too many brackets or lines within another") from problem
+        raise DescriptionError(path, "not valid YAML: brackets or blocks are nested too deep") from problem
     if not isinstance(content, CommentedMap):
         raise DescriptionError(path, f"must be a mapping of keys to values at its top level; give {wanted}")
     own: CommentedMap = content.copy()  # with its line numbers; the cached content stays as parsed
@@ -198,7 +198,7 @@ def _known_fields(model: type[pydantic.BaseModel], location: Sequence[str | int]
 def _instead(key: str, known: Mapping[str, FieldInfo]) -> str:
     """Return what to write instead of a key: the same with a valid unit, or the nearest key."""
     stem, _, unit = key.rpartition("_")
-    for same, wrong in ((key, "it names no unit"), (stem, f"'{unit}' is no unit of it")):
+    for same, wrong in ((key, "it has no unit"), (stem, f"'{unit}' is not one of its units")):
         in_units = [name for name in known if name.startswith(f"{same}_") and name[len(same) + 1 :].lower() in _UNITS]
         if same and in_units:
             return f": {wrong}; write {' or '.join(in_units)}"
@@ -247,7 +247,7 @@ def _said(model: type[pydantic.BaseModel], content: Any, problem: pydantic.Valid
         message = f"'{where}': {said}{unit}{given}" if where else said
     message += f" (and {len(others)} more)" if others else ""
     if strange or any(one["loc"] == ("format",) for one in others):
-        message += f"; wanted is a file of format: {get_args(model.model_fields['format'].annotation)[0]}"
+        message += f"; the file must be of format: {get_args(model.model_fields['format'].annotation)[0]}"
     return message, line
 
 

@@ -30,7 +30,7 @@ def _melt(value: float) -> float:
 
 def _minutes(value: float) -> float:
     if not 0.0 < value <= LONGEST_MIN:
-        raise ValueError(f"{value:g} min is no time since the melt came; give more than 0, at most {LONGEST_MIN:g}")
+        raise ValueError(f"{value:g} min since the melt came is impossible; give more than 0, at most {LONGEST_MIN:g}")
     return value
 
 
@@ -98,7 +98,7 @@ class HeatSection(StrictModel):
         """What is odd of the melt and cannot be ruled out, in a line each."""
         melt, hall = self.temperatures_degC
         if melt > IRON_IN_KELVIN:
-            odd = f"rather one at {melt - ZERO_CELSIUS_K:g} degC, told in kelvin; check the unit"
+            odd = f"probably one at {melt - ZERO_CELSIUS_K:g} degC, given in kelvin; check the unit"
         elif melt < hall:
             odd = f"colder than the surroundings at {hall:g} degC, and cools the robot; check both"
         else:

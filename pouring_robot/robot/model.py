@@ -106,7 +106,7 @@ class RobotModel(StrictModel):
     def _sound(self) -> RobotModel:
         for entry in self.effects:
             if entry.learned and entry.learned not in self.learned:
-                raise ValueError(f"'{entry.effect}' was learned in '{entry.learned}', which 'learned' does not have")
+                raise ValueError(f"'{entry.effect}' was learned in '{entry.learned}', but 'learned' has no such entry")
         if self.robot is not None:
             for key in ("layout", "layouts_file", "heat"):
                 if key in self.model_fields_set and getattr(self, key) is not None:
@@ -227,7 +227,7 @@ class RobotModel(StrictModel):
     def cautions(self, name: str = "the model") -> tuple[str, ...]:
         """Return, in a line each, why the model called ``name`` is not to be used."""
         worse = (campaign for campaign, learned in self.learned.items() if learned.worse)
-        said = "it is further from rows held out there than without: do not use it"
+        said = "it fits rows held out there worse than without: do not use it"
         return tuple(f"{name} with what it learned in '{campaign}': {said}" for campaign in worse)
 
     def left_out(
@@ -239,7 +239,7 @@ class RobotModel(StrictModel):
         """
         lines = []
         if self.heat is not None and not warm:
-            lines.append(f"{who} takes the robot cold; the heat section of {name} is left out")
+            lines.append(f"{who} uses the cold robot; the heat section of {name} is left out")
         if self.conditional and not under:
             effects = ", ".join(self.conditional)
             lines.append(f"{who} does not apply the effects of {name} that depend on conditions: {effects}")
@@ -305,7 +305,9 @@ class RobotModel(StrictModel):
             (turn, limit_mrad, "mrad", of),
         ):
             if abs(value) > most:
-                raise TooLargeError(f"'{joint}': {value:.6g} {unit} is no {kind} (limit {most:.0f} {unit}{why})")
+                raise TooLargeError(
+                    f"'{joint}': {value:.6g} {unit} is too large for a {kind} (limit {most:.0f} {unit}{why})"
+                )
 
     def urdf(self) -> str:
         """Return the robot as built as URDF: the drawing with every joint displaced by its error.

@@ -270,7 +270,7 @@ class Robot:
             why = str(problem).partition(";")[0]  # what follows mends drive values, and nobody gave any
             raise NoSolutionError(
                 f"{definition.path}: the robot cannot stand at its home{at}: {why}; write under home: the values "
-                "(m, rad) of all joints at a pose that it can take"
+                "(m, rad) of all joints at a pose that it can reach"
             ) from problem
 
     def location_to(self, target: Target) -> Location:

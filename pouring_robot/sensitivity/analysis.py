@@ -128,7 +128,7 @@ def _transfers(
         opened = [chains.transfer_open_branch(found.joints, wanted)] if chains else []
         for own, transfer in zip(parts.values(), (engine.transfer(found, wanted), *opened), strict=False):
             if transfer.status.any():
-                mend = "name all that is driven, or narrow the range of poses, of another robot its joints' limits"
+                mend = "list every driven joint, or narrow the range of poses (of another robot, its joint limits)"
                 raise NoSolutionError(f"the drives do not determine the robot at a pose of the workspace; {mend}")
             place = moved_point(transfer.matrix, found.rotation @ offset)
             own.append(np.concatenate([place, transfer.matrix[:, 3:]], axis=1))

@@ -274,7 +274,7 @@ def _shape(along: FloatArray) -> str:
 def missed_line(found: SensitivityReport) -> str:
     """Return the error of first order, in words."""
     missed, moved = (value / MM for value in found.missed_m)
-    said = f"first order misses exact closures by {missed:.2g} mm at most, where the robot moves {moved:.3g} mm"
+    said = f"first order differs from exact closures by {missed:.2g} mm at most, where the robot moves {moved:.3g} mm"
     return said + (f"; {counted(found.unsolved, 'closure')} had no solution" if found.unsolved else "")
 
 

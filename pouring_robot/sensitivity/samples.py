@@ -161,6 +161,6 @@ def distributions(errors: ErrorSamples[P], labels: Sequence[str], title: str) ->
         panel.set_yticks(range(len(labels)), list(reversed(labels)))
         tidy(panel)
         panel.grid(visible=False)
-    panels[0].set_ylabel("error; share of poses, each to its own height")
+    panels[0].set_ylabel("error; share of poses, each scaled to its own height")
     figure.suptitle(title, fontsize=11)
     return figure

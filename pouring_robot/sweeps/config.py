@@ -231,7 +231,7 @@ class SweepConfig(StrictModel):
         if self.kind == "open_branch" and self.allocation is not None:
             raise ValueError("allocation needs kind 'closed_chain': an open branch understates the errors")
         if len(set(self.frames)) < len(self.frames):
-            raise ValueError("a frame stands twice")
+            raise ValueError("a frame is given twice")
         return self
 
     @classmethod
@@ -248,7 +248,7 @@ class SweepConfig(StrictModel):
     def with_robot(self, robot: Path | str) -> Self:
         """Return the same for another robot, by its robot file."""
         if self.layout is not None or self.model is not None:
-            raise self.problem("names a layout or a model; leave that out beside --robot")
+            raise self.problem("names a layout or a model; leave that out with --robot")
         return self.model_copy(update={"robot": str(Path(robot).absolute())})
 
     @property

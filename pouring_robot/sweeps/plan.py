@@ -82,7 +82,7 @@ class SweepPlan:
         self.tool_offsets_m = self._tool_offsets(self.mechanism)
         accuracy_m = robot.accuracy_m if config.accuracy_mm is None else config.accuracy_mm * MM
         if accuracy_m is None:
-            raise config.problem("accuracy_mm is missing: nobody says what this robot must keep")
+            raise config.problem("accuracy_mm is missing: this robot has no required accuracy")
         self.accuracy_m: float = accuracy_m
         self.poses: BatchCommand = sweep_commands(config, robot)
         self.pose_block = min(len(self.poses), config.chunk)
@@ -319,7 +319,9 @@ def _driven(config: SweepConfig, robot: Robot) -> BatchCommand:
         lost = ~_stands(robot, commands)
         if lost.any():
             line = list(listed)[int(np.argmax(lost))]
-            raise config.problem(f"poses.file: line {line}: the robot does not close there, or beyond a joint's limits")
+            raise config.problem(
+                f"poses.file: line {line}: the robot does not close there, or only beyond a joint's limits"
+            )
         return commands
     generator, count = spawned(choice.random.seed, "poses"), choice.random.count
     box = command_box(robot.command_axes)

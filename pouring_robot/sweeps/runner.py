@@ -87,7 +87,7 @@ def run_sweep(
 ) -> SweepStore:
     """Compute what is missing of a sweep and write it, chunk by chunk; arguments and errors as :func:`sweep`."""
     if overwrite and resume:
-        raise BadInputError("resume or overwrite, not both: one goes on, the other begins anew")
+        raise BadInputError("resume or overwrite, not both: one continues, the other starts again")
     workers = whole(workers, 0, "workers is a number of processes, 0 for this one alone")
     if workers and scheduler:
         raise BadInputError("workers or a scheduler, not both: the cluster has workers of its own")
@@ -155,11 +155,11 @@ def _result(future: Any) -> ChunkResult:
     try:
         result: ChunkResult = future.result()
     except (concurrent.futures.CancelledError, CommClosedError) as problem:
-        raise SweepWorkerError(f"the Dask scheduler is lost; start it again, then go on with {RESUME}") from problem
+        raise SweepWorkerError(f"the Dask scheduler is lost; start it again, then continue with {RESUME}") from problem
     except Exception as problem:
         reason = f"{type(problem).__name__}: {' '.join(str(problem).split())[:200]}"
         raise SweepWorkerError(
-            f"a worker of the cluster failed ({reason}); see its log, then go on with {RESUME}"
+            f"a worker of the cluster failed ({reason}); see its log, then continue with {RESUME}"
         ) from problem
     if result.version != pouring_robot.__version__:
         raise SweepWorkerError(
@@ -188,7 +188,7 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
                 )
             except RuntimeError as problem:
                 raise SweepWorkerError(
-                    "no worker starts on this machine; in a script, which workers run, too, call the sweep under "
+                    "no worker starts on this machine; workers run a script, too, so call the sweep in it under "
                     "if __name__ == '__main__':"
                 ) from problem
             stack.enter_context(cluster)

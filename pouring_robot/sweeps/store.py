@@ -67,13 +67,15 @@ class SweepStore:
         self._made: list[Path] = []
         if self.path.exists() or self.path.is_symlink():
             if not resume:
-                raise SweepStoreError(self.folder, f"holds results already; go on with {RESUME}, or say {_OVERWRITE}")
+                raise SweepStoreError(
+                    self.folder, (f"holds results already; continue with {RESUME}, or use {_OVERWRITE}")
+                )
             self._group = open_group(self.path)
             self._refuse_other()
         else:
             for left in (name for name in REPORTS if (self.folder / name).exists()):
                 raise SweepStoreError(
-                    self.folder, f"holds {left} of another sweep; take another folder or say {_OVERWRITE}"
+                    self.folder, f"holds {left} of another sweep; take another folder or use {_OVERWRITE}"
                 )
             with writing(self.folder):
                 self._made = self._make()
@@ -103,7 +105,7 @@ class SweepStore:
 
     def write(self, chunk: Chunk, result: ChunkResult) -> None:
         """Write a chunk, its status last."""
-        with writing(self.folder, f"the finished chunks are kept; mend it and go on with {RESUME}"):
+        with writing(self.folder, f"the finished chunks are kept; correct it and continue with {RESUME}"):
             if "errors" in self._arrays and chunk.index[1] == 0:
                 self._arrays["errors"][chunk.samples] = result.errors
             for name in ("displacement", "rotation", "gap_m", "gap_rad", "status"):
@@ -117,7 +119,7 @@ class SweepStore:
             place = ".".join(str(k) for k in chunk.index)
             raise SweepStoreError(
                 self.path,
-                f"chunk {place} of '{name}' is damaged; remove its file under status/c and go on with {RESUME}",
+                f"chunk {place} of '{name}' is damaged; remove its file under status/c and continue with {RESUME}",
             ) from problem
 
     @contextlib.contextmanager

@@ -45,7 +45,9 @@ def _pose(found: PoseHeat) -> list[Block]:
     losses = balance.ambient_film_W + balance.ambient_radiation_W
     matters = "MATTERS" if found.bending_matters else "does not matter"
     return [
-        Paragraph("temperatures: degC; across: K from side to side, settled; growth: mm, of a platform half its width"),
+        Paragraph(
+            "temperatures: degC; across: K from side to side, steady; growth: mm, of a platform over half its width"
+        ),
         Table(("part", "mean", "hottest", "across", "grows by"), rows),
         Paragraph("moved by heat alone: mm, mrad"),
         Table(("frame", "x", "y", "z", "|xyz|", "rx", "ry", "rz"), moves),
@@ -55,7 +57,7 @@ def _pose(found: PoseHeat) -> list[Block]:
             f"({balance.ambient_film_W / 1e3:.2f} by air), {balance.stored_W / 1e3:z.2f} kW stored"
         ),
         Paragraph(
-            f"bending: legs bow up to {float(found.bending.bow_m.max()) / MM:.2f} mm; not in the figures above: leg 4 "
+            f"bending (not in the figures above): legs bow up to {float(found.bending.bow_m.max()) / MM:.2f} mm; leg 4 "
             f"would tilt the ladle by {found.bending_tilt_rad / MRAD:+z.2f} mrad and move the lip by "
             f"{found.bending_lip_m / MM:.2f} mm: {matters} against a tenth of the required {found.accuracy_m / MM:g} mm"
         ),
@@ -79,7 +81,7 @@ def _shift(found: ShiftHeat) -> list[Block]:
     rows = [
         [f"{row[name]:z.{digits[name]}f}" for name in shown.values()] for row in found.to_frame().to_dict("records")
     ]
-    title = "means: degC; the platform's origin o and the lip, moved by heat alone: mm"
+    title = "mean temperatures: degC; platform's origin o and lip, moved by heat alone: mm"
     return [Paragraph(title), Table(list(shown), rows)]
 
 

@@ -89,7 +89,7 @@ class PoseHeat(Result):
         """How warm the legs are and how far that moves the lip, on one line."""
         legs = ", ".join(f"{value:.0f}" for value in self.field.leg_degC)
         frame, lip = list(self.moved.items())[-1]
-        moved = f"heat alone moves '{frame}' by {lip.distance_m / MM:.3f} mm against the fixed platform"
+        moved = f"heat alone moves '{frame}' by {lip.distance_m / MM:.3f} mm relative to the fixed platform"
         return f"legs at {legs} degC; {moved}"
 
     @property

@@ -20,6 +20,6 @@ def test_verdict_line_and_table(found, unchanged):
 def test_saved_files(found, tmp_path, undrawn):
     names = {path.name for path in found.save(tmp_path / "out")}
     assert {"calibrated.yaml", "calibration.json", "report.html", "loops.yaml"} <= names
-    with pytest.raises(OutputError, match="there already"):
+    with pytest.raises(OutputError, match="exists already"):
         found.save(tmp_path / "out")
     assert {path.name for path in found.save(tmp_path / "out", overwrite=True)} == names

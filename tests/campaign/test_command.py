@@ -124,7 +124,7 @@ def test_parquet_frames_and_positions(tmp_path, capsys):
             ["campaign", "simulate", "--out", "x.xlsx", "--random", "5"],
             "it is written as .csv or .parquet or .pq, not as .xlsx",
         ),
-        (["campaign", "simulate", "--out", "x.txt", "--random", "5"], "not as .txt; end its name so"),
+        (["campaign", "simulate", "--out", "x.txt", "--random", "5"], "not as .txt; give it such an ending"),
         (["campaign", "simulate", "--out", "x", "--random", "5"], "not without an ending"),
         (["campaign", "plan", "--out", "x.xlsx"], "it is written as .csv, not as .xlsx"),
         (["campaign", "plan", "--out", "x.parquet"], "it is written as .csv, not as .parquet"),

@@ -48,7 +48,7 @@ def test_a_campaign_is_made_from_a_data_frame(real):
 def test_what_a_file_may_not_hold_a_campaign_does_not(real, tmp_path):
     campaign = real.campaign
     for name, value, said in (
-        ("payload", -5.0, "row 1 of the campaign, payload_kg: -5 kg is no load"),
+        ("payload", -5.0, "row 1 of the campaign, payload_kg: -5 kg is not a possible load"),
         ("leg1", 9999.0, "leg1_degC: 9999 degC is hotter than any melt"),
         ("time", np.inf, "time_s: it must be finite, or NaN where it is unknown"),
         ("payload", "heavy", "'payload' of the campaign must be numbers"),

@@ -108,7 +108,7 @@ def test_reads_a_plan_with_conditions(tmp_path, drawing):
         ("-110", "", ["line 3", "x_mm"]),
         ("tilt_deg", "tilt_mm", ["tilt_mm"]),
         ("payload_kg", "approach_q1", ["approach"]),
-        ("a,300", "a,-3", ["line 2", "'payload_kg'", "-3 kg is no load"]),
+        ("a,300", "a,-3", ["line 2", "'payload_kg'", "-3 kg is not a possible load"]),
     ],
 )
 def test_names_the_fault_of_a_plan(tmp_path, drawing, old, new, words):
@@ -153,7 +153,7 @@ def test_writes_both_files_or_none(tmp_path, clean, monkeypatch):
         sync(descriptor)
 
     monkeypatch.setattr(os, "fsync", fails_second)
-    with pytest.raises(OutputError, match=r"No space.*; make room there"):
+    with pytest.raises(OutputError, match=r"No space.*; free some space there"):
         clean.campaign.save(path)
     assert list(tmp_path.iterdir()) == []
     path.write_text("old")
@@ -180,7 +180,7 @@ def test_refuses_what_is_no_plan_or_not_of_its_length(drawing):
     plan = random_plan(drawing, 3, seed=1)
     with pytest.raises(BadInputError, match="what is measured is a PosePlan"):
         simulate_campaign(drawing, list(plan.poses))
-    with pytest.raises(BadInputError, match="2 robots do not stand at 3 poses"):
+    with pytest.raises(BadInputError, match="2 robots do not match 3 poses"):
         simulate_campaign(drawing, plan, robots=[drawing] * 2)
     with pytest.raises(BadInputError, match=r"give a Robot, .* not a int"):
         simulate_campaign(drawing, plan, robots=[1] * 3)

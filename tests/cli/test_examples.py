@@ -33,7 +33,7 @@ def test_where_they_are_not_it_is_said_how_to_get_them(run):
 def test_a_folder_that_is_there_is_left_alone(run, tmp_path):
     (tmp_path / "mine").mkdir()
     code, _, err = run("examples", "copy", "mine")
-    assert code == 2 and "it is there already" in err
+    assert code == 2 and "it exists already" in err
     assert not list((tmp_path / "mine").iterdir())
 
 

@@ -228,7 +228,7 @@ def test_a_warm_path(run, as_built, two_poses):
         (["--melt-degC", "-200"], "melt_degC: -200 degC is colder than any surroundings"),
         (["--melt-degC", "1e9"], "hotter than any melt"),
         (["--melt-degC", "nan"], "finite number"),
-        (["--after-min", "0"], "0 min is no time"),
+        (["--after-min", "0"], "0 min since the melt came is impossible"),
         (["--steady", "--after-min", "5"], "not both"),
         (["--melt-degC", "warm"], "--melt-degC"),
     ],
@@ -242,7 +242,7 @@ def test_nonsense_is_refused_in_one_line(run, command, flags, says):
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
-        (["--melt-degC", "1973"], "1973 degC is rather one at 1699.85 degC, told in kelvin"),
+        (["--melt-degC", "1973"], "1973 degC is probably one at 1699.85 degC, given in kelvin"),
         (["--melt-degC", "-5"], "a melt at -5 degC is colder than the surroundings at 20 degC"),
         (["--melt-degC", "-5", "--ambient-degC", "-5"], ""),
         (["--melt-degC", "20"], ""),
@@ -302,7 +302,7 @@ def test_compensate_at_once_and_as_a_header(run, tmp_path):
     assert run("compensate", "--model", ACTUAL, "--header", "c.h")[0] == 0
     header = (tmp_path / "c.h").read_text(encoding="utf-8")
     assert "pouring_robot_compensate" in header
-    for words in ("Robot: layout paper, model file", "actual.yaml.", "Heat: none, the robot is as warm"):
+    for words in ("Robot: layout paper, model file", "actual.yaml.", "Heat: none, the robot is at the temperature"):
         assert words in header
     for wrong in (["--at-once"], [POSES, "--header", "d.h"]):
         assert run("compensate", *wrong)[0] == 2
@@ -376,8 +376,8 @@ def test_compensate_says_that_the_cold_drawing_needs_none(run):
     ("arguments", "code", "says"),
     [
         ([], 2, "give either a file of poses or one command by options"),
-        ([POSES, *AT], 2, "one of the two"),
-        ([POSES, "--tilt-deg", "3"], 2, "one of the two"),
+        ([POSES, *AT], 2, "either a file of poses"),
+        ([POSES, "--tilt-deg", "3"], 2, "either a file of poses"),
         (["nowhere.csv"], 2, "cannot be read"),
         ([*AT, "--frame", "lip"], 2, "no frame 'lip'"),
         ([*AT, "--out", "missing/c.csv"], 2, "does not exist"),
@@ -473,7 +473,7 @@ def test_a_shift_at_one_pose_is_that_of_after_min(run, tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("time_min,melt_degC\n0,1700\n30,1700\n20,1700\n", "line 4, column time_min: does not come after"),
+        ("time_min,melt_degC\n0,1700\n30,1700\n20,1700\n", "line 4, column time_min: is not later than"),
         ("time_min,melt_degC\n0,1700\n30,-1700\n", "line 3, column melt_degC: -1700 degC lies below"),
         ("time_min,melt_degC\n0,1700\n30,1e9\n", "line 3, column melt_degC: 1e+09 degC is hotter"),
         ("time_s,melt_degC\n1.7e9,1700\n1e300,1700\n", "line 3, column time_s: 1e+300 is larger than any quantity"),
@@ -527,7 +527,7 @@ def test_a_sweep_over_a_warm_model_says_that_it_takes_it_cold(run, tmp_path):
         encoding="utf-8",
     )
     code, _, err = run("sweep", "sweep.yaml", "--out", "swept")
-    assert code == 0 and err == "note: this command takes the robot cold; the heat section of hot.yaml is left out\n"
+    assert code == 0 and err == "note: this command uses the cold robot; the heat section of hot.yaml is left out\n"
     with pytest.warns(UserWarning, match="heat section of hot.yaml is left out"):
         sweep("sweep.yaml", "again")
 
@@ -634,7 +634,7 @@ def test_the_papers_sum_beside_the_full_closure(run, as_built, thermal_model):
     assert (
         code == 0
         and "sum misses by" in out
-        and "BEYOND what it was fitted to: melt 1750 degC (600 to 1700)" in " ".join(out.split())
+        and "BEYOND the fitted range: melt 1750 degC (600 to 1700)" in " ".join(out.split())
     )
 
 

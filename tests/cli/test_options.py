@@ -77,7 +77,7 @@ def test_nothing_is_replaced_unasked(run, tmp_path, command, option):
     there.write_text("mine")
     given = [*command.format(poses=POSES).split(), option, there.parent if inside else there]
     code, out, err = run(*given)
-    assert (code, out) == (2, "") and "it is there already; choose another name, or say --overwrite" in err
+    assert (code, out) == (2, "") and "it exists already; choose another name, or use --overwrite" in err
     assert there.read_text() == "mine"
 
 
@@ -160,7 +160,7 @@ def test_the_line_that_matters_comes_first(run, as_built, tmp_path):
     assert first.startswith("ladle_lip is ") and first.endswith(" off at -100, 20, -600 mm, 0 deg")
     out = run("path", POSES, "--model", ACTUAL)[1]
     assert out.startswith("largest error 6.553 mm")
-    assert run("compensate", POSES, "--model", ACTUAL)[1].startswith("largest: 'moving_platform' without compensation")
+    assert run("compensate", POSES, "--model", ACTUAL)[1].startswith("largest: 'moving_platform' is ")
 
 
 def test_a_long_table_is_shown_in_part_and_written_as_a_whole(run, tmp_path):

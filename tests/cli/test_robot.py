@@ -70,7 +70,7 @@ def test_mappings_that_are_none_or_of_no_xacro_are_refused(run, urdf, given, say
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        ("<robot name='r'><link name='a'/></robot>", "no URDF with joints"),
+        ("<robot name='r'><link name='a'/></robot>", "not a URDF with joints"),
         ("<robot", "line 1"),
         (ARM.replace('type="continuous"', 'type="fixed"').replace('type="prismatic"', 'type="fixed"'), "no joint"),
     ],
@@ -188,7 +188,7 @@ def test_of_a_drive_with_a_gear_the_column_holds_the_motor(run, tmp_path, urdf):
     (tmp_path / "series.csv").write_text("turn_deg,reach_mm,x_mm,y_mm,z_mm\n1,2,3,4,5\n", encoding="utf-8")
     code, _, err = run("campaign", "check", "series.csv", "--robot", robot)
     assert code == 2
-    assert "'mm' is no unit of the angle of the motor, which this column holds for the slide; write reach_rad" in err
+    assert "'mm' is not a unit of the angle of the motor, which this column holds for the slide; write reach_rad" in err
 
 
 def test_drives_that_move_nothing_between_base_and_end_body_are_said_to(run, tmp_path):
@@ -316,10 +316,10 @@ def test_what_file_is_wanted_is_said_of_any_other(run, tmp_path):
     (tmp_path / "m.yaml").write_text("robot: robot.yaml\ndrive_offsets: {}\n", encoding="utf-8")
     (tmp_path / "c.yaml").write_text("robot: robot.yaml\nmetrology: {sigma_position_mm: 0.03}\n", encoding="utf-8")
     for arguments, says in (
-        (("pose", "--model", "c.yaml"), "unknown key 'metrology'; wanted is a file of format: pouring_robot/model/1"),
+        (("pose", "--model", "c.yaml"), "unknown key 'metrology'; the file must be of format: pouring_robot/model/1"),
         (("pose", "--robot", "m.csv"), "at its top level; give a robot file, robot.yaml"),
         (("pose", "--model", "m.csv"), "at its top level; give a model file, YAML"),
-        (("pose", "--robot", "m.yaml"), " more); wanted is a file of format: pouring_robot/robot/1"),
+        (("pose", "--robot", "m.yaml"), " more); the file must be of format: pouring_robot/robot/1"),
         (("robot", "init", "m.csv"), "not found, line 1, column 1; give a URDF or a xacro"),
     ):
         code, out, err = run(*arguments, *(["--at-mm", "0", "0", "0"] if arguments[0] == "pose" else []))
@@ -330,7 +330,7 @@ def test_a_campaign_of_another_robot_says_whose_it_is(run, tmp_path):
     series = ROOT / "examples" / "machines" / "ur10" / "series_c.csv"
     code, _, err = run("campaign", "check", series)
     assert code == 2
-    assert "is a campaign of the robot 'ur10', and was read as one of 'pouring_robot'; name its robot file" in err
+    assert "is a campaign of the robot 'ur10', but was read as one of 'pouring_robot'; give its robot file" in err
     assert "(--robot; in Python the argument robot, its path)" in err
     assert err.count("\n") == 1
 
@@ -564,7 +564,7 @@ def test_a_machine_of_ones_own_is_asked_for_checked_and_drawn(run, tmp_path, mon
 def test_a_machine_that_does_not_reach_its_middle_is_told_what_falls_short_and_leaves_nothing(run, tmp_path):
     code, out, err = run("robot", "new", "--out", "mine", "--yes", "--stroke-mm", 400, 500)
     assert (code, "in the middle of the workspace" in err) == (3, True)
-    assert "leg3_s3 stops short of" in out and not (tmp_path / "mine").exists()
+    assert "leg3_s3 is beyond its limits in" in out and not (tmp_path / "mine").exists()
 
 
 def test_drives_that_disagree_are_no_load(run):

@@ -73,7 +73,7 @@ def test_a_direction_that_no_drive_moves_is_said(as_built, monkeypatch):
         return dataclasses.replace(found, matrix=found.matrix * [1.0, 0.0, 1.0, 1.0])
 
     monkeypatch.setattr("pouring_robot.compensation.pose.closed_chain_transfer", without_the_second_drive)
-    with pytest.raises(LockedPoseError, match="no drives move the robot in every direction here") as caught:
+    with pytest.raises(LockedPoseError, match="the drives cannot move the robot in every direction here") as caught:
         compensate(as_built, POSE)
     assert caught.value.ratio < 1e-15
 

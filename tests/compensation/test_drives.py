@@ -63,7 +63,7 @@ def test_a_nut_goes_far_where_its_slide_does(tmp_path, off_mm, far):
     found = compensate_drives(robot, wanted := robot.location_at([200.0, 20.0, 30.0]))
     assert found.status == "reached"
     assert wanted.drives["x_turn"] - found.drives["x_turn"] == pytest.approx(2.0 * np.pi * off_mm / 5.0)
-    assert [note.startswith("drives go far") for note in drive_notes([found])] == [True] * far
+    assert [note.startswith("compensated drives are far") for note in drive_notes([found])] == [True] * far
 
 
 def test_commands_are_written_as_they_are_read(crooked, tmp_path):

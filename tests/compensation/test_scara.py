@@ -110,7 +110,7 @@ def test_beyond_its_reach_it_stays_and_says_so(files, tmp_path, capsys):
     asked = ["compensate", str(tmp_path / "path.csv"), "--model", str(tmp_path / "model.yaml")]
     assert main([*asked, "--out", str(tmp_path / "out.csv")]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "as singular or nearly so and nothing better found: 1 of 2 poses, their drives are kept" in said
+    assert "as (nearly) singular with nothing better found: 1 of 2 poses; their drives are kept" in said
     with (tmp_path / "out.csv").open() as stream:
         assert [row["status"] for row in csv.DictReader(stream)] == ["reached", "kept + singular"]
     assert list(robot.read_commands(tmp_path / "out.csv").values())[1] == pytest.approx([0.2, 0.0, 0.1, 0.0], abs=1e-12)
@@ -136,7 +136,7 @@ def test_short_of_its_reach_it_stays_nearly_stretched_too(files, bent):
     assert found.status == "kept + singular"
     assert found.drives == wanted.drives
     assert drive_notes([found]) == [
-        "not compensated, as singular or nearly so and nothing better found: 1 of 1 poses, their drives are kept"
+        "not compensated, as (nearly) singular with nothing better found: 1 of 1 poses; their drives are kept"
     ]
 
 
@@ -157,7 +157,7 @@ def test_that_drives_go_far_is_said_whatever_is_singular(files, bent, status):
     assert [one.status for one in found] == [status, "reached"]
     assert 17.0 < far < 20.0
     (note,) = drive_notes(found)
-    assert note.startswith(f"drives go far from what was wanted: 1 of 2 poses, by up to j2 {far:.5f} deg; ")
+    assert note.startswith(f"compensated drives are far from the given ones: 1 of 2 poses, by up to j2 {far:.5f} deg; ")
 
 
 def test_a_position_that_is_worse_than_without_is_said(files):
@@ -168,7 +168,7 @@ def test_a_position_that_is_worse_than_without_is_said(files):
     assert found.status == "nearest + position worse"
     assert drive_notes([found])[-1] == (
         "position further off with compensation than without: 1 of 1 poses, by up to 2 mm; "
-        "command the drives of the poses themselves there"
+        "command the uncompensated drives there"
     )
 
 

@@ -550,7 +550,7 @@ def test_random_visits_have_the_same_effort(robot):
 def test_plan_file_is_what_simulate_reads(robot, visited, tmp_path):
     path = tmp_path / "plan.csv"
     visited.save(path)
-    with pytest.raises(OutputError, match="there already"):
+    with pytest.raises(OutputError, match="exists already"):
         visited.save(path)
     read = read_plan(path, robot)
     got = np.array([[*p.position_m, p.tilt_rad] for p in read.poses])
@@ -618,7 +618,7 @@ def test_more_poses_than_candidates_ask_for_more_candidates(tmp_path, capsys):
     command = ["campaign", "plan", "--poses", "400", "--candidates", "100", "--out", str(tmp_path / "plan.csv")]
     assert main(command) == 2
     said = capsys.readouterr().err
-    assert "400 poses to choose from are needed, and" in said and "give more candidates (--candidates) than 100" in said
+    assert "400 candidate poses are needed, but only" in said and "give more candidates (--candidates) than 100" in said
     assert said.count("\n") == 1
 
 

@@ -106,14 +106,14 @@ def test_a_condition_that_is_not_given_ends_in_one_line(case, capsys):
         assert main([*command, "--model", str(file)]) == 2
         said = capsys.readouterr().err
         assert said.count("\n") == 1
-        assert "give it as a column of that name beside the poses, or for all of them by --condition" in said
+        assert "give a column of that name beside the poses, or one value for all of them by --condition" in said
 
 
 def test_an_option_that_takes_one_robot_for_all_poses_is_refused(case, capsys):
     _, file, poses = case
     for command in ("path", "compensate"):
         assert main([command, str(poses), "--model", str(file), "--at-once"]) == 2
-        assert "--at-once takes the same robot at every pose" in capsys.readouterr().err
+        assert "--at-once uses the same robot at every pose" in capsys.readouterr().err
 
 
 def test_a_condition_may_stand_in_one_place_only(case, capsys):

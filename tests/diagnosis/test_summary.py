@@ -439,7 +439,7 @@ def test_the_result_is_one_line_at_a_prompt_and_a_table_in_a_notebook(hot, tmp_p
     assert 0.0 < row["std"] < abs(row["value"])
     assert hot.headline in hot._repr_html_()
     assert {path.name for path in hot.save(tmp_path / "out")} >= {"diagnosis.json", "model.yaml"}
-    with pytest.raises(OutputError, match="there already"):
+    with pytest.raises(OutputError, match="exists already"):
         hot.save(tmp_path / "out")
 
 

@@ -297,7 +297,7 @@ def test_what_several_effects_miss_is_asked_for_at_once(bench, rng):
     assert len(together.headings) == len({*together.headings}) > max(len(one.headings) for one in each)
     assert (together.effect, *together.others) == kinds
     first, second, third = kinds
-    begin = f"the model's effects '{first}', '{second}', '{third}' need {', '.join(together.headings)}: give it"
+    begin = f"the model's effects '{first}', '{second}', '{third}' need {', '.join(together.headings)}: give a column"
     assert str(together).startswith(begin)
     given = {name: values for name, values in given_of(bench.campaign).items() if name in together.headings}
     assert len(robots_under(model_with(rows, *entries), moved, given)) == len(moved)
@@ -349,7 +349,7 @@ def test_another_session_has_no_homing_of_its_own(bench, rng):
         ({"time_s": np.ma.masked_equal([1.0, 0.0], 0.0)}, "time_s: give a finite number for every command"),
         ({"leg1_degC": -300.0}, "leg1_degC: -300 degC lies below absolute zero"),
         ({"leg1_degC": [20.0, 9999.0]}, "leg1_degC of command 2: 9999 degC is hotter than any melt"),
-        ({"payload_kg": -3.0}, "payload_kg: -3 kg is no load, which is 0 to 10000 kg"),
+        ({"payload_kg": -3.0}, "payload_kg: -3 kg is not a possible load (0 to 10000 kg)"),
         ({"approach_q1": 0.5}, "approach_q1: give +1 or -1 for every command, not 0.5"),
         ({"time_s": [1.0, 2.0, 3.0]}, "give each condition one value, or one for each of the 2 commands"),
         ({"time_s": 0.0, "session": [1.0, 2.0]}, "each sample, session and distance_from of a campaign is a text"),
@@ -496,7 +496,7 @@ def test_commands_that_never_settle_are_refused_with_what_moves_them(rng):
         found = compensate(HeatedRobot(robot), pose)
         return dataclasses.replace(found, drives={k: v + 1e-4 * rng.normal() for k, v in found.drives.items()})
 
-    with pytest.raises(UnsettledCommandsError, match="pose 1: what the model's effects do changes with the commands"):
+    with pytest.raises(UnsettledCommandsError, match="pose 1: the model's effects depend on the compensated commands"):
         compensate_under(under, [pose], restless)
 
 

@@ -250,6 +250,6 @@ def test_columns_of_distances_and_forces(tmp_path, drives):
     np.testing.assert_allclose(again.distance_m, campaign.distance_m, atol=1e-9)
     assert again.distance_from == campaign.distance_from
     table.write_text("\n".join([lines[0], lines[1], lines[2].replace(",p0,", ",p9,")]) + "\n")
-    with pytest.raises(CampaignError, match="must be the sample of one other row, and is 'p9'") as caught:
+    with pytest.raises(CampaignError, match="must be the sample of one other row, not 'p9'") as caught:
         Campaign.read(table, campaign.robot)
     assert (caught.value.line, caught.value.column) == (3, "distance_from")

@@ -148,7 +148,7 @@ def test_files_of_an_earlier_answer_go_with_it_or_stay_with_it(tmp_path, monkeyp
         with pytest.raises((OutputError, KeyboardInterrupt)):
             write_together({one: "new"}, earlier=[one, other, never])
     assert [path.read_text() for path in (one, other)] == ["old", "old"]
-    with pytest.raises(OutputError, match=r"other\.txt: it is there already"):
+    with pytest.raises(OutputError, match=r"other\.txt: it exists already"):
         write_together({tmp_path / "new.txt": "new"}, overwrite=False, earlier=[other, never])
     assert write_together({one: "new"}, earlier=[one, other, never]) == [one]
     assert [path.name for path in tmp_path.iterdir()] == ["one.txt"]
@@ -176,7 +176,7 @@ def test_a_folder_that_another_run_made_meanwhile_is_left_alone(tmp_path, monkey
         (tmp_path / "new" / "a.txt").write_text("theirs")
 
     monkeypatch.setattr(os, "fsync", another_run)
-    with pytest.raises(OutputError, match="another run has made it meanwhile"):
+    with pytest.raises(OutputError, match="another run has created it meanwhile"):
         write_together({tmp_path / "new" / "a.txt": "ours"})
     assert [path.name for path in tmp_path.iterdir()] == ["new"]
     assert (tmp_path / "new" / "a.txt").read_text() == "theirs"
@@ -205,7 +205,7 @@ def test_a_file_in_the_place_of_a_folder_is_told(tmp_path):
 def test_outputs_are_checked_before_the_work(tmp_path):
     (tmp_path / "there").write_text("x")
     check_outputs([tmp_path / "there", tmp_path / "new"])
-    with pytest.raises(OutputError, match="there already"):
+    with pytest.raises(OutputError, match="exists already"):
         check_outputs([tmp_path / "there"], overwrite=False)
     with pytest.raises(OutputError, match="same file name"):
         check_outputs([tmp_path / "a", tmp_path / "a"])

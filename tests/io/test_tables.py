@@ -118,7 +118,7 @@ def test_semicolons_and_decimal_commas_are_told(tmp_path):
         read_table(path, "x_mm")
     path.write_text('x_mm,y_mm\n"-2658,2581","1,2,3"\n')
     table = read_table(path, "x_mm")
-    refused(table, 0, r"column x_mm: '-2658,2581' is no number: its decimal mark must be a point")
+    refused(table, 0, r"column x_mm: '-2658,2581' is not a number: the decimal mark must be a point")
     refused(table, 1, r"column y_mm: '1,2,3' is not a")
 
 
@@ -126,7 +126,7 @@ def test_excel_without_its_package_or_damaged_is_one_line(tmp_path):
     path = tmp_path / "poses.xlsx"
     path.write_bytes(b"no workbook")
     with pytest.raises(
-        TableError, match=r"(Import openpyxl.* Or save the table as CSV|is no Excel file, or a damaged one)"
+        TableError, match=r"(Import openpyxl.* Or save the table as CSV|is not an Excel file, or a damaged one)"
     ) as caught:
         read_pose_lines(path)
     assert "\n" not in str(caught.value)

@@ -226,7 +226,7 @@ def test_a_group_is_of_one_unit_and_no_drive_is_in_none(arm, groups, found):
         ("urdf: arm.urdf", "urdf: absent.urdf", "absent.urdf.*cannot be read"),
         ("urdf: arm.urdf", "xacro: absent.xacro", "absent.xacro: cannot be read: No such file or directory$"),
         ("urdf: arm.urdf\n", "", "either urdf or xacro"),
-        ("end_frame: tip", "end_frame: tpi\npayload_frame: tip", "end_frame 'tpi' is no link of the robot; did you"),
+        ("end_frame: tip", "end_frame: tpi\npayload_frame: tip", "end_frame 'tpi' is not a link of the robot; did you"),
         ("base_frame: base\n", "", "base_frame and end_frame are needed"),
         ("joint: reach", "joint: raech", "'raech' is not a joint of the robot; did you mean 'reach'"),
         ("joint: reach", "joint: mount", "'mount' is fixed; a drive slides or turns"),
@@ -426,7 +426,7 @@ def test_a_home_at_which_the_robot_cannot_stand_is_named(arm, home, says):
         ),
         ('<link name="tip"/>', TIP.format("nan"), "link 'tip': a mass of nan kg"),
         ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "has no direction"),
-        ('"carriage" type="fixed">', '"carriage" type="planar"><axis xyz="1 0 0"/>', "its plane is taken across z"),
+        ('"carriage" type="fixed">', '"carriage" type="planar"><axis xyz="1 0 0"/>', "its plane must be normal to z"),
         ('<link name="tip"/>', TIP.format("-2"), "link 'tip': a mass of -2 kg"),
         ('<link name="tip"/>', TIP.format("two"), "axes, limits and masses are numbers"),
         ('<link name="tip"/>', FAR.format("0 -64.5 0"), "link 'tip': a centre of mass 64.5 m from its frame"),
@@ -470,8 +470,11 @@ def test_limits_of_a_urdf_that_leaves_them_out_bind_nothing(arm):
 @pytest.mark.parametrize(
     ("said", "words"),
     [
-        ("payload_frame: tipp", "payload_frame 'tipp' is no link of the robot; did you mean 'tip'"),
-        ("payload_frame: arm", "payload_frame 'arm' moves against end_frame 'tip'; name a link that is fixed to it"),
+        ("payload_frame: tipp", "payload_frame 'tipp' is not a link of the robot; did you mean 'tip'"),
+        (
+            "payload_frame: arm",
+            "payload_frame 'arm' moves relative to end_frame 'tip'; name a link that is fixed to it",
+        ),
         ("home: {reach: 9.0}", "home: 'reach' at 9 is beyond its limits"),
     ],
 )

@@ -56,7 +56,7 @@ def test_from_python_it_is_what_the_command_writes(form, tmp_path):
     files = export_robot(Robot.load(robot), folders[0], form)
     assert main(["export", "--robot", str(robot), "--format", form, "--out", str(folders[1])]) == 0
     assert contents(folders[0]) == contents(folders[1]) and len(files) == len(contents(folders[0]))
-    with pytest.raises(OutputError, match="there already"):
+    with pytest.raises(OutputError, match="exists already"):
         export_robot(Robot.load(robot), folders[0], form)
 
 
@@ -179,7 +179,9 @@ def test_joints_that_mimic_a_drive_follow_its_offset_in_every_format(tied, comma
 @pytest.mark.parametrize("form", ["sdf", "drake"])
 def test_sdf_says_what_it_cannot_of_joints_that_follow(tied, tmp_path, capsys, form):
     assert main(["export", "--robot", str(tied.definition.path), "--out", str(tmp_path / "out"), "--format", form]) == 0
-    said = "SDF 1.7 knows no mimic, so these joints move freely until the simulator couples them: belt = -0.5 turn, "
+    said = (
+        "SDF 1.7 has no mimic joints, so these joints move freely until the simulator couples them: belt = -0.5 turn, "
+    )
     assert said in " ".join(capsys.readouterr().out.split())
     assert said in (tmp_path / "out" / "tied.sdf").read_text()
     assert mimic_notes(()) == []
@@ -267,11 +269,11 @@ def test_a_tree_with_ball_joints_stands_closed_at_moved_zeros_and_says_that_it_d
     for name in ("rod_tip", "slider"):
         found = of_tree(closed.urdf_zero_here(), {}, "base", name).translation
         assert found == pytest.approx([along, 0.03, 0.5], abs=1e-9)
-    for more, said in ((), "at no joint values"), (("--zero-here",), "at its zeros alone"):
+    for more, said in ((), "at no joint values"), (("--zero-here",), "only at its zeros"):
         to = ["--robot", str(tmp_path / "robot.yaml"), "--drives", "28", "--out", str(tmp_path / f"out{len(more)}")]
         assert main(["export", *to, *more]) == 0
         printed = " ".join(capsys.readouterr().out.split())
-        assert f"URDF knows no ball joints: ball turns about one axis there, and the tree closes {said}" in printed
+        assert f"URDF has no ball joints: ball turns about one axis there, so the tree closes {said}" in printed
 
 
 def test_how_far_the_tree_is_off_elsewhere_is_said(crooked):
@@ -453,7 +455,7 @@ def test_a_tree_with_its_zeros_here_has_no_files_that_count_from_others(crooked,
     assert not {path.name for path in files} & {"joints.csv", "joints.json", "loops.yaml"}
     written(closed, tmp_path)
     for stale in ("joints.csv", "joints.json", "loops.yaml"):
-        with pytest.raises(BadInputError, match=f"{stale}: is of a tree with other zeros; delete it"):
+        with pytest.raises(BadInputError, match=f"{stale}: belongs to a tree with other zeros; delete it"):
             exported_files(closed, tmp_path, zero_here=True)
         (tmp_path / stale).unlink()
     exported_files(closed, tmp_path, zero_here=True)
@@ -654,7 +656,7 @@ def test_meshes_of_packages_that_are_not_here_stay_addresses(tmp_path):
     (tmp_path / "robot.yaml").write_text(file, encoding="utf-8")
     closed = ClosedRobot.of(RobotModel.for_robot(tmp_path / "robot.yaml"))
     assert "package://elsewhere/cup.stl" in written(closed, tmp_path / "out").read_text(encoding="utf-8")
-    with pytest.raises(DescriptionError, match=r"cup\.stl lies in a package that is not here"):
+    with pytest.raises(DescriptionError, match=r"cup\.stl is in a package that is not found"):
         exported_files(closed, tmp_path / "out", "mjcf")
 
 

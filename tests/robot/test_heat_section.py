@@ -76,8 +76,8 @@ def test_what_was_measured_is_of_one_moment():
         ("melt_degC: 1650.5", "melt_degC: -300", "-300 degC lies below absolute zero"),
         ("melt_degC: 1650.5", "melt_degC: 1.0e+9", "hotter than any melt"),
         ("melt_degC: 1650.5", "melt_degC: .nan", "finite number"),
-        ("melt_degC:", "melt:", "unknown key 'heat.melt': it names no unit; write melt_degC"),
-        ("after_min: 45", "after_min: 0", "0 min is no time"),
+        ("melt_degC:", "melt:", "unknown key 'heat.melt': it has no unit; write melt_degC"),
+        ("after_min: 45", "after_min: 0", "0 min since the melt came is impossible"),
         ("leg1: 210.25", "leg9: 210.25", "there is no part 'leg9'"),
         ("leg1: 210.25", "leg1: -274", "-274 degC lies below absolute zero"),
         ("leg1: 210.25", "leg1: hot", "valid number"),
@@ -95,7 +95,7 @@ def test_impossible_flags_are_named():
     for values, says in (
         ({"melt_degC": -300.0}, "melt_degC: -300 degC lies below absolute zero"),
         ({"ambient_degC": float("inf")}, "ambient_degC"),
-        ({"after_min": -5.0}, "after_min: -5 min is no time"),
+        ({"after_min": -5.0}, "after_min: -5 min since the melt came is impossible"),
     ):
         with pytest.raises(BadInputError, match=says):
             HeatSection().with_values(**values)

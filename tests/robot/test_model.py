@@ -33,7 +33,7 @@ WRITTEN = "model.yaml"
 def test_load_save_load_changes_nothing(tmp_path):
     first = RobotModel.load(ACTUAL)
     once = first.save(tmp_path / "once.yaml")
-    with pytest.raises(OutputError, match="there already"):
+    with pytest.raises(OutputError, match="exists already"):
         first.save(once)
     assert first.save(once, overwrite=True) == once
     second = RobotModel.load(once)
@@ -152,7 +152,11 @@ def test_mistakes(written, text, words):
         ("mean_span_m", [0.1, 0.2], "learned.campaign.mean_span_m: it needs 4 numbers, .*, not 2"),
         ("mean_force", [1.0], "learned.campaign.mean_force: it needs 4 numbers, .*, not 1"),
         ("mean_force", [1.0, 1.0, 1.0, -1.0], "'learned.campaign.mean_force.3': .*greater than or equal to 0"),
-        ("ranges", {"q1_m": [0.9, 0.1]}, "'learned.campaign.ranges.q1_m': a range runs upwards, not from 0.9 to 0.1"),
+        (
+            "ranges",
+            {"q1_m": [0.9, 0.1]},
+            "'learned.campaign.ranges.q1_m': a range starts with its lower end, unlike 0.9 to 0.1",
+        ),
         ("ranges", {"q1_m": [0.1, 0.9], "zz_m": [0, 1]}, "learned.campaign.ranges: unknown key 'zz_m'"),
         ("ranges", {"q1_mm": [0.1, 0.9]}, "unknown key 'q1_mm'; did you mean 'q1_m'"),
         ("seen_rad", {"leg1_s3": [[0, 1]]}, "learned.campaign.seen_rad: unknown key 'leg1_s3'"),

@@ -82,7 +82,7 @@ def test_rods_are_as_long_as_the_longest_leg(tmp_path):
     [
         ({"name": "two words"}, "one word"),
         ({"name": "on"}, "one word"),  # a switch to YAML 1.1, which xacro reads
-        ({"stroke_mm": (-300.0, 500.0)}, "stroke_mm: sizes and masses are above zero"),
+        ({"stroke_mm": (-300.0, 500.0)}, "stroke_mm: sizes and masses must be above zero"),
         ({"stroke_mm": (500.0, 300.0)}, "stroke_mm: give the lower end first"),
         ({"z_mm": (300.0, 700.0)}, "lower z"),  # a leg is long enough above, too
         ({"z_mm": (-400.0, -800.0)}, "lower end first"),

@@ -126,7 +126,7 @@ def test_a_package_in_a_folder_of_another_name_is_known_by_its_manifest(folder, 
 
 def test_an_absent_package_is_asked_for_on_one_line(folder):
     said = refused(folder, "<xacro:include filename='$(find absent)/a.xacro'/>")
-    assert said.endswith(f"the package 'absent' is not there; name the folder that holds it in {FOLDERS_VARIABLE}")
+    assert said.endswith(f"the package 'absent' is not found; name the folder that holds it in {FOLDERS_VARIABLE}")
     urdf = "<robot><link name='a'><mesh filename='package://absent/a.stl'/></link></robot>"
     assert '"package://absent/a.stl"' in meshes_from(urdf, folder)
     (folder / "r.xacro").write_text(f"{HEAD}<gazebo>$(find absent)/a.yaml</gazebo></robot>", encoding="utf-8")
@@ -197,7 +197,7 @@ def test_entities_neither_multiply_nor_read_files(folder):
 @pytest.mark.parametrize(
     ("joints", "said"),
     [
-        ([("a", "b"), ("b", "c"), ("c", "b")], "'b' hangs on several joints"),
+        ([("a", "b"), ("b", "c"), ("c", "b")], "'b' has several parent joints"),
         ([("b", "c"), ("c", "b")], "is carried by itself"),
         ([("a", "b"), ("b", "")], "joint 'j1' does not say which two links it joins"),
     ],

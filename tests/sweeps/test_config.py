@@ -56,7 +56,7 @@ BAD = {
     "layout and model": ({"model": str(ACTUAL)}, "not both"),
     "missing model": ({"layout": None, "model": "nowhere.yaml"}, "nowhere.yaml"),
     "unknown frame": ({"frames": ["ladle_lipp"]}, "did you mean 'ladle_lip'"),
-    "frame named twice": ({"frames": ["ladle_lip", "ladle_lip"]}, "a frame stands twice"),
+    "frame named twice": ({"frames": ["ladle_lip", "ladle_lip"]}, "a frame is given twice"),
     "frame elsewhere": ({"frames": ["leg1_foot"]}, "no frame 'leg1_foot'"),
     "a grid as a product": ({"poses": {"grid": {"x": 1000, "y": 1000, "z": 2}}}, "a grid of 2,000,000 poses is too"),
     "two kinds of poses": ({"poses": {"grid": {}, "random": {"count": 1}}}, "exactly one of grid, random and file"),
@@ -65,7 +65,10 @@ BAD = {
         "less than or equal to 1000000",
     ),
     "missing pose file": ({"poses": {"file": "nowhere.csv"}}, "nowhere.csv"),
-    "upside-down box": ({"poses": {"grid": {"box": {"x_mm": [1, 0]}}}}, "x_mm': a range runs upwards, not from 1 to 0"),
+    "upside-down box": (
+        {"poses": {"grid": {"box": {"x_mm": [1, 0]}}}},
+        "x_mm': a range starts with its lower end, unlike 1 to 0",
+    ),
     "no samples": ({"samples": None}, "needs samples"),
     "more robots than a disk holds": (
         {"samples": 10**13},

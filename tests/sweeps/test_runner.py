@@ -161,7 +161,9 @@ def test_a_fault_on_a_worker_is_one_line(plan, tmp_path, cluster, monkeypatch):
 def test_a_lost_scheduler_is_one_line(gone):
     future = Future()
     future.set_exception(gone)
-    with pytest.raises(SweepWorkerError, match="the Dask scheduler is lost; start it again, then go on with --resume"):
+    with pytest.raises(
+        SweepWorkerError, match="the Dask scheduler is lost; start it again, then continue with --resume"
+    ):
         _result(future)
 
 

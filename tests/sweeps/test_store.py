@@ -95,7 +95,7 @@ def test_chunks_by_pose_give_the_same_numbers(make_plan, tmp_path, finished):
 
 
 def test_results_are_only_overwritten_if_asked_for(copy, tmp_path, capsys):
-    both = "holds results already; go on with --resume (resume=True), or say --overwrite (overwrite=True)"
+    both = "holds results already; continue with --resume (resume=True), or use --overwrite (overwrite=True)"
     refused(*copy, both, capsys)
     refused(*copy, "resume or overwrite, not both", capsys, "--resume", "--overwrite")
     other = write(tmp_path, seed=12)

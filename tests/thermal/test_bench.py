@@ -34,14 +34,14 @@ def test_impossible_heat_is_refused(as_built):
     assert "melt_degC" in ask(bench, {"melt_degC": -300.0, "after_min": 10.0})["refused"]
 
 
-@pytest.mark.filterwarnings("ignore:PouringRobot takes the robot cold")
+@pytest.mark.filterwarnings("ignore:PouringRobot uses the cold robot")
 def test_a_melt_of_zero_degrees_is_one(as_built):
     cold = PouringRobot(as_built.model.model_copy(update={"heat": HeatSection(melt_degC=0.0)}))
     bench = PouringBench(cold, cold.location_in_the_middle())
     assert {s["id"]: s["value"] for g in bench.sliders()["groups"] for s in g["sliders"]}["melt_degC"] == 0.0
 
 
-@pytest.mark.filterwarnings("ignore:PouringRobot takes the robot cold")
+@pytest.mark.filterwarnings("ignore:PouringRobot uses the cold robot")
 def test_what_was_measured_at_one_moment_is_not_that_of_all_times(as_built):
     values = {**POSE, "melt_degC": 1550.0, "after_min": 1.0}
     told = HeatSection(melt_degC=1550.0, after_min=45.0, measured_degC={"leg1": 210.0})

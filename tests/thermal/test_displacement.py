@@ -202,7 +202,7 @@ def test_the_report_holds_what_is_printed(capsys, tmp_path):
     [
         (["--under", "heat", "--payload-kg", "5"], "belong to --under weight or both"),
         (["--under", "weight", "--ladle-degC", "300"], "weight acts on the cold robot"),
-        (["--under", "weight", "--payload-kg", "1e5"], "--payload-kg: 100000 kg is no load"),
+        (["--under", "weight", "--payload-kg", "1e5"], "--payload-kg: 100000 kg is not a possible load"),
         (["--under", "heat", "--ladle-degC", "nan"], "'--ladle-degC'"),
         (["--under", "heat", "--ladle-degC", "-400"], "'--ladle-degC'"),
         (["--under", "heat", "--ladle-degC", "inf"], "--ladle-degC: inf degC is hotter than any melt"),

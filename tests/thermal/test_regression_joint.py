@@ -200,7 +200,7 @@ def test_joint_errors(table):
 def test_a_component_that_does_not_hold_a_set():
     T = np.arange(4.0)[:, None]
     a, b = np.array([1.0, -1.0, 1.0, -1.0]), np.array([1.0, 1.0, -1.0, -1.0])
-    with pytest.raises(ErrorSetError, match="do not hold error set"):
+    with pytest.raises(ErrorSetError, match="do not represent error set"):
         JointRegression("coefficients", explained=0.5).fit(T, np.column_stack([a, b]))
 
 

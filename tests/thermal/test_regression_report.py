@@ -88,7 +88,7 @@ def test_the_file_says_what_the_line_says(measured, tmp_path):
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     down = content | {"melt_degC": content["melt_degC"][::-1]}
     path.write_text(yaml.safe_dump(down), encoding="utf-8")
-    with pytest.raises(DescriptionError, match=r"'melt_degC': a range runs upwards, not from 1700 to 600"):
+    with pytest.raises(DescriptionError, match=r"'melt_degC': a range starts with its lower end, unlike 1700 to 600"):
         ThermalModel.load(path)
     offset = content["axes"]["x"]["coefficients"][0]
     for wrong in (offset[:3], offset[:1]):
@@ -132,7 +132,7 @@ def test_too_few_sets_are_refused_with_the_number_that_is_enough(measured, sets,
 
 
 def test_more_groups_than_sets_are_refused(measured):
-    with pytest.raises(TableError, match="10 sets make no 11 groups; give --groups 10 or fewer"):
+    with pytest.raises(TableError, match="10 sets cannot make 11 groups; give --groups 10 or fewer"):
         regress(measured[0], axis="x", n_clusters=11)
     assert len(regress(measured[0], axis="x", n_clusters=10).axes["x"].sensitive) == 10
     assert regress(measured[0], axis="x", n_clusters=11, lambda_cut=0.5)  # cut at λ, the number is not used
@@ -151,7 +151,7 @@ def test_the_group_that_no_set_frees_of_collinearity_is_told_wherever_it_stands(
     name = found.axes[""].sensitive[1]
     assert told == [
         f"note: no set of the group of {name} is free of collinearity (VIF "
-        f"{selector.vif_[selector.sensitive_[1]]:.4g}); components bear it"
+        f"{selector.vif_[selector.sensitive_[1]]:.4g}); principal components allow for it"
     ]
 
 
@@ -160,14 +160,14 @@ def test_a_set_that_equation_21_does_not_hold_is_told_by_its_name():
     step = (celsius - 1150.0) / 550.0
     # A to C are lines of temperature, which alone tell it; D, the third of those left where A is left out, is unlike.
     sets = 1e-4 * np.column_stack([step, 1.2 * step, 0.9 * step, step**2 + 0.2 * step, 1.1 * step**2 + 0.1 * step])
-    with pytest.raises(BadInputError, match="do not hold error set D, so"):
+    with pytest.raises(BadInputError, match="do not represent error set D, so"):
         regress(ErrorTable(celsius + 273.15, sets, tuple("ABCDE")))
 
 
 def test_inputs_that_follow_from_each_other_are_refused(measured):
     table, places = measured
     tied = np.column_stack([places.values, 0.3 - 2.0 * places.values[:, 2]])
-    with pytest.raises(TableError, match=": z, q1 of --poses follow from each other at all sets; leave one"):
+    with pytest.raises(TableError, match=": z, q1 of --poses are linearly dependent over all sets; leave one"):
         regress(table, Positions((*places.names, "q1"), (*places.units, "rad"), tied))
 
 
@@ -182,10 +182,10 @@ def test_positions_are_read_in_the_tables_order(tmp_path):
         read_positions(file, ("A", "C"))
     with file.open("a", encoding="utf-8") as stream:
         stream.write("\nB,3,10,0.5\n")
-    with pytest.raises(TableError, match="set B stands more than once, in lines 2, 5; keep one"):
+    with pytest.raises(TableError, match="set B occurs more than once, in lines 2, 5; keep one"):
         read_positions(file, ("A", "B"))
     file.write_text("set,x_mm,x_m\nA,1,0.3\nB,2,0.2\n", encoding="utf-8")  # a pose has one x
-    with pytest.raises(TableError, match="'x' stands twice, in two units; keep one"):
+    with pytest.raises(TableError, match="'x' occurs twice, in two units; keep one"):
         read_positions(file, ("A", "B"))
     file.write_text("set\nA\nB\n", encoding="utf-8")
     with pytest.raises(TableError, match="no column says where the sets were measured; add x_mm"):

@@ -128,7 +128,7 @@ def test_corners_are_where_the_slope_changes():
 @pytest.mark.parametrize(
     ("times", "melt", "says"),
     [
-        ([0.0, 10.0, 5.0], [1700.0] * 3, "entry 3: its time of 5 s does not come after 10 s"),
+        ([0.0, 10.0, 5.0], [1700.0] * 3, "entry 3: its time of 5 s is not later than 10 s"),
         ([0.0, 0.0], [1700.0] * 2, "entry 2"),
         ([0.0], [1700.0], "at least two entries"),
         ([0.0, float("nan")], [1700.0] * 2, "finite"),
@@ -176,14 +176,14 @@ def test_a_history_file(tmp_path):
     [
         ("", "line 1"),
         ("time_s,melt\n0,1\n", "unknown column 'melt' names no unit; write melt_degC"),
-        ("time_s,time_min,melt_degC\n0,0,1\n", "the column for time (time_s or time_min or time_h) stands twice"),
-        ("time_s,melt_degC,melt_degC\n0,0,1\n", "stands twice"),
+        ("time_s,time_min,melt_degC\n0,0,1\n", "the column for time (time_s or time_min or time_h) occurs twice"),
+        ("time_s,melt_degC,melt_degC\n0,0,1\n", "occurs twice"),
         ("time_s,melt_degC\n0,1700\n5,\n", "line 3, column melt_degC"),
-        ("time_s,melt_degC\n0,1700\n5,1700\n4,1700\n", "line 4, column time_s: does not come after"),
+        ("time_s,melt_degC\n0,1700\n5,1700\n4,1700\n", "line 4, column time_s: is not later than"),
         ("time_s,melt_degC\n0,1700\n5,-300\n", "line 3, column melt_degC: -300 degC lies below"),
         ("time_s,melt_K\n0,1973\n5,-30\n", "line 3, column melt_K: -303.15 degC lies below"),
         ("time_s,ambient_K\n0,293\n", "the column for melt (melt_degC or melt_K) is missing"),
-        ("time_s,melt_K,melt_degC\n0,1973,1700\n", "the column for melt (melt_degC or melt_K) stands twice"),
+        ("time_s,melt_K,melt_degC\n0,1973,1700\n", "the column for melt (melt_degC or melt_K) occurs twice"),
         ("time_s,melt_degC\n0,1700\n", "at least two entries"),
     ],
 )

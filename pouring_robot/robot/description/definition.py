@@ -114,12 +114,12 @@ class RobotDefinition:
         frames = (*self._links, *kinds)
         for key, link in (("end_frame", end), ("payload_frame", file.payload_frame)):
             if link is not None and link not in frames:
-                raise DescriptionError(path, f"{key} '{link}' is no link of the robot{closest(link, frames)}")
+                raise DescriptionError(path, f"{key} '{link}' is not a link of the robot{closest(link, frames)}")
         moving = {*(name for name, kind in kinds.items() if kind != "fixed"), *self.loops.cut_joints}
         held = carriers(root, *filter(None, (self.payload_frame, end))).values()
         first, *others = ([joint for joint in joints if joint in moving] for joints in held)
         if any(other != first for other in others):
-            problem = f"payload_frame '{self.payload_frame}' moves against end_frame '{end}'"
+            problem = f"payload_frame '{self.payload_frame}' moves relative to end_frame '{end}'"
             raise DescriptionError(path, f"{problem}; name a link that is fixed to it")
         limits = {str(joint.get("name")): limits_of(joint) for joint in root.iterfind("joint")}
         self._check_home(limits)
@@ -127,7 +127,9 @@ class RobotDefinition:
         for drive in self.drives:
             if end is not None and drive.joint in above[base] & above[end]:
                 problem = f"base_frame '{base}' is carried by the drive '{drive.joint}'"
-                raise DescriptionError(path, f"{problem}, which poses seen from it do not show; name a link above it")
+                raise DescriptionError(
+                    path, (f"{problem}, so poses seen from it do not show that drive; name a link above it")
+                )
 
     @classmethod
     def load(cls, path: Path | str) -> RobotDefinition:
@@ -156,7 +158,7 @@ class RobotDefinition:
         for travel, (frame, joints) in itertools.product(travels, above.items()):
             if travel not in joints:
                 problem = f"travel '{travel}' would be held at its home, but it does not carry '{frame}'"
-                mend = f"make it a drive, or leave it out: a travel carries '{self.loops.base_frame}' and all in it"
+                mend = f"make it a drive, or leave it out: a travel carries '{self.loops.base_frame}' and all on it"
                 raise DescriptionError(self.path, f"{problem}; {mend}")
 
     def _check_home(self, limits: JointLimits) -> None:

@@ -42,7 +42,9 @@ class _Tree:
         self.root = parsed(text, path)
         joints = [joint for joint in self.root.iterfind("joint") if joint.get("type")]
         if self.root.tag != "robot" or not joints:
-            raise DescriptionError(path, "is no URDF with joints; give the URDF, or a file whose name ends in .xacro")
+            raise DescriptionError(
+                path, ("is not a URDF with joints; give the URDF, or a file whose name ends in .xacro")
+            )
         check_sound(self.root, path)
         name, times = Counter(str(joint.get("name")) for joint in joints).most_common(1)[0]
         if times > 1:
@@ -56,8 +58,10 @@ class _Tree:
         carried = carriers(self.root, *(_link(joint, "parent") for joint in joints))
         for link, joint in self.above.items():
             if children[link] > 1 or joint.get("name") in carried[_link(joint, "parent")]:
-                why = "hangs on several joints" if children[link] > 1 else "is carried by itself"
-                raise DescriptionError(path, f"link '{link}' {why}; a URDF is a tree, what closes it is said elsewhere")
+                why = "has several parent joints" if children[link] > 1 else "is carried by itself"
+                raise DescriptionError(
+                    path, (f"link '{link}' {why}; a URDF is a tree, and loops are closed in the robot file")
+                )
 
     def moving(self, link: str) -> list[str]:
         """Return the joints that move on the way from the root down to a link."""
@@ -113,7 +117,9 @@ def first_robot_file(urdf: Path, beside: Path, mappings: Mapping[str, str] = NO_
     """
     rendered = urdf.suffix == ".xacro"
     if mappings and not rendered:
-        raise DescriptionError(urdf, "is no xacro, by its name, and only these have arguments; leave out the mappings")
+        raise DescriptionError(
+            urdf, ("is not a xacro, by its name, and only xacros have arguments; leave out the mappings")
+        )
     text = run_xacro(urdf, mappings) if rendered else read_urdf(urdf)
     tree = _Tree(urdf, text)
     ends = tree.ends()

@@ -101,7 +101,7 @@ class RobotFile(StrictModel):
             )
         both = joints.intersection((*self.locked_joints, *self.travel))
         if both:
-            raise ValueError(f"'{min(both)}' is a drive; strike it from locked_joints and travel")
+            raise ValueError(f"'{min(both)}' is a drive; remove it from locked_joints and travel")
         twice = {column for column in columns if columns.count(column) > 1}
         if twice:
             mend = "name one otherwise; of joints that move together let one be the drive, and the others mimic it"

@@ -40,7 +40,7 @@ def readable(path: Path | str, folder: Path, also: Iterable[Path] = ()) -> Path:
     target = Path(os.path.realpath(folder / path))
     if any(target.is_relative_to(place.resolve()) for place in (*_folders(folder), *also)):
         return target
-    problem = f"lies outside the folder above {folder}, and a description reads nothing there; put it beside the others"
+    problem = f"lies outside the folder above {folder}, where descriptions may not read; put it beside the others"
     raise DescriptionError(path, f"{problem}, or name its folder in {FOLDERS_VARIABLE}")
 
 
@@ -67,7 +67,7 @@ def package(name: str, folder: Path) -> Path:
             with contextlib.suppress(OSError):  # of a neighbour that nobody may read
                 if re.search(rf"<name>\s*{re.escape(name)}\s*</name>", manifest.read_text("utf-8", "replace")):
                     return manifest.parent.resolve()
-    problem = f"the package '{name}' is not there; name the folder that holds it in {FOLDERS_VARIABLE}"
+    problem = f"the package '{name}' is not found; name the folder that holds it in {FOLDERS_VARIABLE}"
     raise DescriptionError(folder, problem)
 
 

@@ -159,14 +159,16 @@ def _fault(part: etree._Element) -> str:
         # One that says none is taken across z by all who move planar joints, though axes that nobody says are x.
         said = kind == "planar" and part.find("axis") is not None
         if said and (axis.shape != (3,) or axis[:2].any() or not axis[2]):
-            return "its plane is taken across z; say axis 0 0 1, its origin so turned that z is normal to the plane"
+            return (
+                "its plane must be normal to z; write axis 0 0 1, and turn its origin so that z is normal to the plane"
+            )
         if kind in BOUNDED and part.find("limit") is None:
-            return "it has no limits; give it some, or the type 'continuous' where it turns without end"
+            return "it has no limits; give it some, or the type 'continuous' if it turns endlessly"
         if kind in BOUNDED and lower > upper:
             return f"limits {lower:g} to {upper:g} (m, rad); exchange them"
     mass = part.find("inertial/mass") if part.tag == "link" else None
     if mass is not None and not float(mass.get("value", "0")) >= 0.0:
-        return f"a mass of {mass.get('value')} kg; give one from 0 on"
+        return f"a mass of {mass.get('value')} kg; give 0 or more"
     return ""
 
 

@@ -39,8 +39,8 @@ def ball_notes(balls: Sequence[str], zero_here: bool) -> list[str]:
     """Return what a URDF cannot say of ball joints: none where there is none."""
     if not balls:
         return []
-    where = "at its zeros alone" if zero_here else "at no joint values"
-    return [f"URDF knows no ball joints: {', '.join(balls)} turns about one axis there, and the tree closes {where}"]
+    where = "only at its zeros" if zero_here else "at no joint values"
+    return [f"URDF has no ball joints: {', '.join(balls)} turns about one axis there, so the tree closes {where}"]
 
 
 def configured(tree: pin.Model, values: Mapping[str, float]) -> FloatArray:

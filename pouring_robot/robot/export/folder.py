@@ -66,7 +66,7 @@ def exported_files(
     beside: dict[str, bytes] = closed.robot.model.definition.files_beside() if form == "urdf" else {}
     if zero_here:  # these count from the drawing's zeros
         for stale in sorted(path for path in (*joints, *map(folder.joinpath, beside)) if path.exists()):
-            raise BadInputError(f"{stale}: is of a tree with other zeros; delete it, or choose another folder")
+            raise BadInputError(f"{stale}: belongs to a tree with other zeros; delete it, or choose another folder")
         joints, beside = set(), {}
     tree = urdf_files(closed.urdf_zero_here() if zero_here else closed.urdf, folder, beside)
     urdf, drawn = tree.popitem()
@@ -82,7 +82,7 @@ def exported_files(
     files |= {place: joints_text([row], place) for place in sorted(joints)}
     if form != "urdf":
         for missing in (name for name, _ in assembly.meshes if folder / "meshes" / name not in files):
-            problem = f"the mesh {missing} lies in a package that is not here"
+            problem = f"the mesh {missing} is in a package that is not found"
             mend = f"give its file in the URDF, name the package's folder in {FOLDERS_VARIABLE}, or export urdf"
             raise DescriptionError("URDF", f"{problem}; {mend}")
     match form:

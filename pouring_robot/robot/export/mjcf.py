@@ -145,7 +145,7 @@ def _fill(element: Any, body: Body, assembly: Assembly) -> None:
         if m.any() and not (least > 0.0 and most <= (least + middle) * (1.0 + _ROUND_OFF)):
             said = f"{least:.3g}, {middle:.3g}, {most:.3g} kg m²"
             problem = (
-                f"link {body.name}: principal moments of inertia {said} are those of no body, which MuJoCo refuses"
+                f"link {body.name}: principal moments of inertia {said} are physically impossible, which MuJoCo refuses"
             )
             raise DescriptionError("URDF", f"{problem}; give positive ones, each at most the sum of the others")
         moments = {"fullinertia": text((m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))}

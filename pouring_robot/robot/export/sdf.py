@@ -50,7 +50,7 @@ def mimic_notes(mimics: Sequence[Mimic]) -> list[str]:
     if not mimics:
         return []
     said = ", ".join(f"{mimic.joint} = {mimic.ratio:g} {mimic.leader}" for mimic in mimics)
-    return [f"SDF {VERSION} knows no mimic, so these joints move freely until the simulator couples them: {said}"]
+    return [f"SDF {VERSION} has no mimic joints, so these joints move freely until the simulator couples them: {said}"]
 
 
 def _is_frame(body: Body, assembly: Assembly) -> bool:

@@ -112,7 +112,7 @@ def stale_mesh_note(name: str, layouts_file: Path | None) -> str | None:
         return None
     return (
         f"the ladle is drawn from {ladle.mesh.value}, which is {off * 1e3:.0f} mm off the dimensions in "
-        f"{file.name}; make it anew with scripts/make_meshes.py --layouts FILE (figures are not concerned)"
+        f"{file.name}; rebuild it with scripts/make_meshes.py --layouts FILE (results are not affected)"
     )
 
 

@@ -39,9 +39,9 @@ class NewLayout:
     Sizes that are not above zero, and ranges not from low to high, raise BadInputError.
     """
 
-    name: str = field(metadata={"asked": "What is the machine called? (a word)"})
-    fixed_mm: Pair = field(metadata={"asked": "Upper U-joint centres apart, along x and y, mm"})
-    moving_mm: Pair = field(metadata={"asked": "Lower U-joint centres apart, along x and y, mm"})
+    name: str = field(metadata={"asked": "Name of the machine (one word)"})
+    fixed_mm: Pair = field(metadata={"asked": "Distances of the upper U-joint centres along x and y, mm"})
+    moving_mm: Pair = field(metadata={"asked": "Distances of the lower U-joint centres along x and y, mm"})
     x_mm: Pair = field(metadata={"asked": "Workspace of the moving platform along x, from to, mm"})
     y_mm: Pair = field(metadata={"asked": "... along y, mm"})
     z_mm: Pair = field(metadata={"asked": "... along z (below the fixed platform is negative), mm"})
@@ -52,11 +52,13 @@ class NewLayout:
 
     def __post_init__(self) -> None:
         if not self.name.isidentifier() or yaml.safe_load(self.name) != self.name:  # a switch to xacro's YAML
-            raise BadInputError(f"the name '{self.name}' must be one word of letters, digits and _, none such as 'on'")
+            raise BadInputError(
+                f"the name '{self.name}' must be one word of letters, digits and _, but not a word such as 'on'"
+            )
         for name in ("fixed_mm", "moving_mm", "stroke_mm", "payload_kg", "tare_kg"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value).all() and np.min(value) > 0.0):
-                raise BadInputError(f"{name}: sizes and masses are above zero, not {value}")
+                raise BadInputError(f"{name}: sizes and masses must be above zero, not {value}")
         for name in ("x_mm", "y_mm", "z_mm", "tilt_deg", "stroke_mm"):
             low, high = getattr(self, name) or (0.0, 1.0)
             if not -math.inf < low < high < math.inf:
@@ -204,11 +206,11 @@ def check_lines(found: CheckedLayout) -> list[str]:
     low, high = found.needed_mm
     lines = [f"the workspace needs legs of {low:.1f} to {high:.1f} mm"]
     lines.append(f"{found.reached} of {found.poses} poses over the workspace are within all joint limits")
-    lines += [f"  {joint} stops short of {count} of them" for joint, count in found.limiting.items()]
+    lines += [f"  {joint} is beyond its limits in {count} of them" for joint, count in found.limiting.items()]
     median, most = found.amplified
     x, y, z, tilt = found.worst
     lines.append(
-        f"an error of the drives moves the platform by {_times(median)} itself at worst (median of the poses), "
+        f"a drive error moves the platform by {_times(median)} its size at worst (median of the poses), "
         f"{_times(most)} at x {x:z.0f}, y {y:z.0f}, z {z:z.0f} mm, tilt {tilt:z.1f} deg"
     )
     if found.singular:

@@ -87,7 +87,7 @@ class RobotBench:
         except PouringRobotError as problem:
             return {"refused": str(problem)}
         except pydantic.ValidationError as problem:
-            return {"refused": f"the page asked for what there is not: {problem.errors()[0]['msg']}"}
+            return {"refused": f"the page sent an invalid request: {problem.errors()[0]['msg']}"}
         return {"film": film(at_location(self.scene, location)), "values": self._values(location)}
 
     def located(self, robot: Robot, wish: PageRequest) -> Location:
@@ -117,7 +117,7 @@ class RobotBench:
     def _with_errors(self, errors: Mapping[str, float]) -> Robot:
         """Return the robot with errors added, the last one again where they are the same."""
         if unknown := [name for name in errors if name not in self._parameters]:
-            raise BadInputError(f"there is no error '{unknown[0]}'")
+            raise BadInputError(f"there is no geometric error '{unknown[0]}'")
         if errors != self._changed[0]:
             found = {self._parameters[name]: value for name, value in errors.items()}
             self._changed = (

@@ -128,7 +128,7 @@ def drawn_robot(
     except DescriptionError as problem:
         if not (absent := re.search(r"package://\S+", str(problem))):
             raise
-        said = f"the mesh {absent[0]} is not here; name the folder that holds its package in {FOLDERS_VARIABLE}"
+        said = f"the mesh {absent[0]} is not found; name the folder that holds its package in {FOLDERS_VARIABLE}"
         raise DescriptionError("robot description", said) from problem
     return SceneRobot(name, visual, bodies, reference, opacity=opacity, tint=tint, label=label)
 
@@ -147,5 +147,5 @@ def _caption(location: Location) -> tuple[tuple[str, str], ...]:
             " ".join(f"{v:+z.2f}" for v in translation) + " mm",
         ),
         ("its rotation", " ".join(f"{v:+z.2f}" for v in rotation) + " mrad"),
-        ("left open at the joints", f"{location.actual.gap_m / MM:.4f} mm, {location.actual.gap_rad / MRAD:.3f} mrad"),
+        ("gap left at the joints", f"{location.actual.gap_m / MM:.4f} mm, {location.actual.gap_rad / MRAD:.3f} mrad"),
     )

@@ -119,7 +119,7 @@ def summary_lines(found: SweepReport) -> list[str]:
     if plan.config.model is not None:
         own = "closes at none of these poses without further errors either"
         if plan.own_error_m is not None:
-            own = f"is off by an error of its own besides, up to {plan.own_error_m / MM:.3f} mm at these poses"
+            own = f"also has an error of its own, up to {plan.own_error_m / MM:.3f} mm at these poses"
         lines.append(f"note: the robot of {plan.config.model} {own}")
     if found.summary.failed:
         others = ((name, count) for name, count in figures["status"].items() if name != STATUS_NAMES[CLOSED])
@@ -170,7 +170,7 @@ def allocation_line(found: AllocatedTolerances) -> str:
     checked = figures["verified"]
     return (
         f"loosest tolerances that keep {figures['requirement_mm']:g} mm for {figures['wanted_share']:.2%} of the "
-        f"robots at every pose; {checked['robots']} of them closed exactly at the {checked['poses']} hardest poses: "
+        f"robots at every pose; exact closures of {checked['robots']} of them at the {checked['poses']} hardest poses: "
         f"{share_text(checked['share_within'])} within, {share_text(checked['share_at_worst_pose'])} at the worst pose"
     )
 

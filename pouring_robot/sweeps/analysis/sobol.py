@@ -65,7 +65,7 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
     dropped = int(lost.sum())
     if not weights.any():
         raise NoSolutionError(
-            f"the Sobol indices have nothing to go by: of {plan.config.samples} base samples {dropped} have no "
+            f"the Sobol indices cannot be computed: of {plan.config.samples} base samples {dropped} have no "
             "solution, and fewer than two others do, or nothing moves in them; make the errors smaller"
         )
     first, total, first_confidence, total_confidence = sums.sum(axis=1) / weights.sum()

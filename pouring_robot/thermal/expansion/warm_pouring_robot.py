@@ -193,7 +193,7 @@ class HeatedRobot:
     def told(self, computed: str = "") -> str:
         """Return in words how warm it is, and what is ``computed`` of parts, if anything."""
         if self.heat is None:
-            return "none, the robot is as warm as the drawing"
+            return "none, the robot is at the temperature of the drawing"
         melt, ambient = self.temperatures_degC
         minutes, measured = self.heat.after_min, self.heat.measured_degC
         when = "steady" if minutes is None else f"{minutes:g} min after the melt came"

@@ -109,7 +109,7 @@ def _check_order(times: FloatArray) -> None:
         if not math.isfinite(time):
             raise HistoryError(f"its time must be a finite number, not {time}", row)
         if row > 1 and time <= times[row - 2]:
-            raise HistoryError(f"its time of {time:g} s does not come after {times[row - 2]:g} s; sort by time", row)
+            raise HistoryError(f"its time of {time:g} s is not later than {times[row - 2]:g} s; sort by time", row)
 
 
 def read_shift(path: Path | str, default_ambient_degC: float = AMBIENT_DEGC) -> tuple[HeatHistory, PoseSchedule | None]:
@@ -135,7 +135,7 @@ def read_shift(path: Path | str, default_ambient_degC: float = AMBIENT_DEGC) -> 
     time_heading, times = columns[_TIME]
     late = np.flatnonzero(np.diff(times) <= 0.0)
     if late.size:
-        raise table.fault("does not come after the line before; sort by time", int(late[0]) + 1, time_heading)
+        raise table.fault("is not later than the line before; sort by time", int(late[0]) + 1, time_heading)
     ambient = columns[_AMBIENT][1] if _AMBIENT in there else np.full(len(times), default_ambient_degC)
     try:
         history = HeatHistory(times, columns[_MELT][1], ambient)

@@ -52,7 +52,7 @@ class AxisRegression:
         judged = left_out(table, positions, **selector)  # refuses too few sets before anything is fitted to them
         count, groups = len(table.names), selector.get("n_clusters", 1)
         if groups > count and selector.get("lambda_cut") is None:
-            raise TableError(table.source, f"{count} sets make no {groups} groups; give --groups {count} or fewer")
+            raise TableError(table.source, f"{count} sets cannot make {groups} groups; give --groups {count} or fewer")
         paper = JointRegression("coefficients", selector=SensitiveSetSelector(**selector))
         model = paper.fit(table.temperature_column, table.errors)
         if positions is not None:
@@ -223,7 +223,7 @@ def _refuse_tied(source: str, positions: Positions) -> None:
     for way in ways[sizes < _TIED * sizes.max(initial=0.0)]:
         tied = ", ".join(positions.names[k] for k in varied[np.abs(way) > _TIED])
         raise TableError(
-            source, f"{tied} of --poses follow from each other at all sets; leave one of these columns out"
+            source, f"{tied} of --poses are linearly dependent over all sets; leave one of these columns out"
         )
 
 
@@ -264,7 +264,7 @@ def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
     for name in names:
         lines = [str(line) for line, label in zip(table.lines, labels, strict=True) if label == name]
         if len(lines) > 1:
-            raise TableError(path, f"set {name} stands more than once, in lines {', '.join(lines)}; keep one")
+            raise TableError(path, f"set {name} occurs more than once, in lines {', '.join(lines)}; keep one")
     inputs, units, columns = [], [], []
     for k, heading in enumerate(table.headings):
         if heading == "set":
@@ -273,7 +273,7 @@ def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
         if not name or unit not in KINDS:
             raise table.heading_fault(f"column '{heading}' has no unit of length or angle")
         if name in inputs:
-            raise table.heading_fault(f"'{name}' stands twice, in two units; keep one of the two columns")
+            raise table.heading_fault(f"'{name}' occurs twice, in two units; keep one of the two columns")
         inputs.append(name)
         units.append("m" if KINDS[unit] == "length" else "rad")
         columns.append(to_inner(table.numbers(k, empty="a position is missing; fill it"), unit))
@@ -349,7 +349,7 @@ def _warnings(axes: dict[str, AxisRegression]) -> list[str]:
         if not one.helps:
             left, before = (one.unseen[name].rms * 1e3 for name in (one.method, NONE))
             notes.append(
-                f"{where}no method helps: of sets left out '{one.method}' leaves {left:.3f} of {before:.3f} "
+                f"{where}no method helps: on sets left out '{one.method}' leaves {left:.3f} of {before:.3f} "
                 f"{one.unit}: {_UNLIKE}; "
                 + ("do not compensate" if POSE in one.unseen else "give --poses, or do not compensate")
             )
@@ -357,7 +357,8 @@ def _warnings(axes: dict[str, AxisRegression]) -> list[str]:
             notes.append(f"{where}the paper's P_end does not help here: {_UNLIKE}")
         selector = one.model.selector_
         notes += [
-            f"{where}no set of the group of {name} is free of collinearity (VIF {vif:.4g}); components bear it"
+            f"{where}no set of the group of {name} is free of collinearity (VIF {vif:.4g}); principal "
+            "components allow for it"
             for name, vif, held in zip(
                 one.sensitive, selector.vif_[selector.sensitive_], selector.guard_held_, strict=True
             )

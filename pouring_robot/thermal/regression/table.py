@@ -172,7 +172,7 @@ def _sort_headings(table: Table, wanted: str | None) -> tuple[int, list[tuple[in
     names = [name for _, name, _ in sets]
     for name in names:
         if names.count(name) > 1:
-            raise table.heading_fault(f"error set {name} stands twice, in two units")
+            raise table.heading_fault(f"error set {name} occurs twice, in two units")
     return chosen[0], sets, next(iter(kinds))
 
 

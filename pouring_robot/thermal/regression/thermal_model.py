@@ -165,7 +165,7 @@ class ThermalModel(StrictModel):
         """
         missing = [name for name in self.inputs if name not in pose]
         if missing:
-            raise BadInputError(f"the thermal model needs {', '.join(missing)}, which this command has not")
+            raise BadInputError(f"the thermal model needs {', '.join(missing)}, which this command does not have")
         place = np.array([[pose[name] for name in self.inputs]])
         moved = np.zeros(3)
         for name, axis in self.axes.items():
