@@ -123,10 +123,10 @@ def simulate_campaign(
         CampaignError: the robot as built cannot take a pose; names the row.
     """
     options = options or MeasurementOptions()
-    expect(options, MeasurementOptions, "how it is measured are MeasurementOptions")
+    expect(options, MeasurementOptions, "the options of a virtual measurement are MeasurementOptions")
     expect(path, Path | str, "the path of a campaign is the one its table would have")
     expect(robot, Robot, LOADED)
-    expect(plan, PosePlan, "what is measured is a PosePlan: of random_plan, read_plan, or plan_campaign(…).pose_plan")
+    expect(plan, PosePlan, "the plan is a PosePlan: of random_plan, read_plan, or plan_campaign(…).pose_plan")
     rows = len(plan)
     if robots is None and robot.model.conditional:
         call = "robots_under(robot, plan.poses, plan.given(robot.model.definition))"

@@ -70,7 +70,7 @@ def check_campaign(campaign: Campaign, drawing: Drawing | None = None) -> list[D
     They are compared with the nominal robot, by default the campaign's; errors of the robot as built do not matter
     here. Raises BadInputError where there is no campaign.
     """
-    expect(campaign, Campaign, "what is checked is a Campaign, such as Campaign.read returns")
+    expect(campaign, Campaign, "a check takes a Campaign, such as Campaign.read returns")
     return examine(campaign, drawing or campaign.robot.drawing()).flags
 
 

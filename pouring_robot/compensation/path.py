@@ -104,7 +104,7 @@ def compensate_path(
         UnknownFrameError: there is no such frame.
         ThermalSolutionError: no temperatures are found.
     """
-    expect(heated, HeatedRobot, "a path is of a HeatedRobot, HeatedRobot(robot) of a cold one")
+    expect(heated, HeatedRobot, "a path takes a HeatedRobot; of a cold robot HeatedRobot(robot)")
     wanted = as_poses(poses)
     return PathSearch(heated, wanted, frame, strains_along(heated, wanted, threads, show)).run()
 

@@ -229,7 +229,7 @@ def compensate(
         if heat_moves_m is None:
             state = heated.settle(wanted, search.close)
         else:
-            said = "what heat moves is a displacement (x, y, z) of finite numbers, in m"
+            said = "the displacement by heat is three finite numbers (x, y, z), in m"
             search.target_m = search.target_m - finite(heat_moves_m, (3,), said)
             HeatedRobot(heated.robot).settle(wanted, search.close)
             state = held(search.drives)
@@ -328,9 +328,9 @@ def compensate_drives(robot: Robot, wanted: Location, frame: str | None = None) 
         UnknownFrameError: there is no such frame.
         NoSolutionError: a joint would pass its limits, or the loops do not close on the way.
     """
-    expect(wanted, Location, "what is wanted is a Location, as robot.location_at(drives) returns")
+    expect(wanted, Location, "the wanted location is a Location, as robot.location_at(drives) returns")
     if wanted.nominal.mechanism.urdf != robot.nominal_solver.mechanism.urdf:
-        raise BadInputError("what is wanted is a location of another drawing than this robot's")
+        raise BadInputError("the wanted location belongs to another drawing than this robot's")
     if wanted.actual.mechanism is not robot.actual_solver.mechanism:  # of the drawing, or of another robot built by it
         here = np.array(list(wanted.drives.values()))
         wanted = replace(wanted, actual=robot.close_actual(here, wanted.nominal.configuration))

@@ -66,7 +66,7 @@ class Planner:
         expect(robot, Robot, LOADED)
         refuse_redundant(robot)
         self.robot, self.request = robot, request or PlanRequest()
-        expect(self.request, PlanRequest, "what is asked of a plan is a PlanRequest")
+        expect(self.request, PlanRequest, "the request of a plan is a PlanRequest")
         loads = self.request.loads_kg
         if isinstance(robot, PouringRobot) and max(loads, default=0.0) > robot.layout.ladle.payload.value:
             most = robot.layout.ladle.payload.value

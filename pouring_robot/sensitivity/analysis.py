@@ -59,7 +59,7 @@ def left_out(model: RobotModel, who: str, name: str) -> str:
 def study(model: RobotModel, request: Request | None, progress: Progress) -> SensitivityReport:
     """As :func:`sensitivity`, for callers that report :func:`left_out` otherwise."""
     request = request or Request()
-    expect(request, Request, "what is studied is a Request")
+    expect(request, Request, "the request of a study is a Request")
     definition = model.definition
     drawing = definition.drawing()
     mechanism = drawing.mechanism

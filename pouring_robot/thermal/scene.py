@@ -65,7 +65,7 @@ def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str
 def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
     """Return a shift of the drawing as it goes: parts in the colours of their temperatures, the ladle moved by heat."""
     mechanism, cold, warm = robot.nominal_solver.mechanism, shift.bodies[:, 0], shift.bodies[:, 1]
-    drawn = drawn_robot(mechanism, warm, "robot", "as warm as its colours", reference=cold)
+    drawn = drawn_robot(mechanism, warm, "robot", "coloured by temperature", reference=cold)
     values = _temperatures(drawn, mechanism.shared_model, shift.fields)
     scale = ColourScale("temperature", "°C", float(np.nanmin(values)), float(np.nanmax(values)))
     frame, moved = list(shift.moved.items())[-1]

@@ -69,7 +69,7 @@ def test_says_what_is_undone_and_how_many_rows_are_used(tmp_path, capsys):
     capsys.readouterr()
     assert main(["campaign", "check", str(path)]) == 2
     output = " ".join(capsys.readouterr().out.split())
-    assert "frames fitted, with the sign of 'q1_mm' turned: " in output
+    assert "frames fitted, with the sign of 'q1_mm' reversed: " in output
     path.write_text("\n".join([head, *(row for row in rows for _ in range(2))]) + "\n")
     assert main(["campaign", "check", str(path)]) == 0
     output = capsys.readouterr().out

@@ -178,7 +178,7 @@ def test_truth_is_json(real):
 
 def test_refuses_what_is_no_plan_or_not_of_its_length(drawing):
     plan = random_plan(drawing, 3, seed=1)
-    with pytest.raises(BadInputError, match="what is measured is a PosePlan"):
+    with pytest.raises(BadInputError, match="the plan is a PosePlan"):
         simulate_campaign(drawing, list(plan.poses))
     with pytest.raises(BadInputError, match="2 robots do not match 3 poses"):
         simulate_campaign(drawing, plan, robots=[drawing] * 2)

@@ -630,7 +630,7 @@ def test_a_campaign_is_checked_by_its_own_robot(clean):
     wrong = damaged(clean.campaign, position_m=lambda p: p * 1e3)
     assert check_campaign(wrong) == check_campaign(wrong, wrong.robot.drawing())
     assert "position_unit" in codes(check_campaign(wrong))
-    with pytest.raises(BadInputError, match=r"what is checked is a Campaign, such as Campaign.read returns, not a str"):
+    with pytest.raises(BadInputError, match=r"a check takes a Campaign, such as Campaign.read returns, not a str"):
         check_campaign("campaign.csv")
 
 

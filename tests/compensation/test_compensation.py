@@ -196,7 +196,7 @@ def test_a_robot_is_cold_and_what_is_no_pose_is_refused(as_built):
 
 @pytest.mark.parametrize("given", [1e-3, [0.0, 1e-3], [0.0, 0.0, np.nan], "down"])
 def test_what_heat_moves_is_a_displacement(as_built, given):
-    with pytest.raises(BadInputError, match=r"is a displacement \(x, y, z\) of finite numbers, in m"):
+    with pytest.raises(BadInputError, match=r"by heat is three finite numbers \(x, y, z\), in m"):
         compensate(as_built, POSE, heat_moves_m=given)
 
 

@@ -94,7 +94,7 @@ def test_a_location_of_the_drawing_is_as_good_as_the_robots_own(crooked):
 
 def test_what_is_no_location_is_refused():
     robot = Robot.load("examples/robots/delta/robot.yaml")
-    with pytest.raises(BadInputError, match="a location of another drawing"):
+    with pytest.raises(BadInputError, match="belongs to another drawing"):
         compensate_drives(robot, PouringRobot().location_in_the_middle())
     with pytest.raises(BadInputError, match=r"a Location, as robot.location_at\(drives\) returns, not a list"):
         compensate_drives(robot, [0.2, 0.1, 0.0])

@@ -528,7 +528,7 @@ def test_figures_may_be_arrays_and_one_name_is_one_name():
 
 
 def test_a_plan_is_of_a_request(robot):
-    with pytest.raises(BadInputError, match="what is asked of a plan is a PlanRequest, not a dict"):
+    with pytest.raises(BadInputError, match="the request of a plan is a PlanRequest, not a dict"):
         Planner(robot, {"poses": 20})
 
 

@@ -28,7 +28,10 @@ def test_no_change_is_no_change(drawing):
     assert model.amended(np.zeros(len(model.parameters))) == present
 
 
-@pytest.mark.parametrize(("which", "words"), [(0, "'leg1_s3': 3000 mm is no drive offset"), (8, "no placement error")])
+@pytest.mark.parametrize(
+    ("which", "words"),
+    [(0, "'leg1_s3': 3000 mm is too large for a drive offset"), (8, "too large for a placement error")],
+)
 def test_what_no_robot_is_is_refused(drawing, which, words):
     model = model_of(drawing, "centres")
     values = np.zeros(len(model.parameters))

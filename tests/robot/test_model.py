@@ -115,7 +115,7 @@ PLACED = "joint_placements:\n  leg1_s1:\n    translation_mm: "
         ("layot: paper\n", "line 1: unknown key 'layot'; did you mean 'layout'"),
         (
             HEAD + "joint_placements:\n  leg1_s1:\n    translation: [0, 0, 0]\n",
-            "line 5: .*names no unit; write translation_mm",
+            "line 5: .*has no unit; write translation_mm",
         ),
         (HEAD + "joint_placements:\n  leg1_s9: {}\n", "no joint 'leg1_s9'; did you mean 'leg1_s"),
         (HEAD + "joint_placements:\n  moving_platform_mount: {}\n", "displace the joints that place the chains' seats"),
@@ -126,9 +126,15 @@ PLACED = "joint_placements:\n  leg1_s1:\n    translation_mm: "
         (HEAD + PLACED + "[a, 0, 0]\n", "line 5: .*it is 'a'"),
         (HEAD + PLACED + "[0.2, -0.1, true]\n", r"line 5: .*translation_mm.2': .*valid number \(it is True\)"),
         (HEAD + PLACED + "[0.2, -0.1, '0']\n", r"line 5: .*valid number \(it is '0'\)"),
-        (HEAD + PLACED + "[0, 0, 600]\n", "600 mm is no placement error.*check the unit"),
-        (HEAD + "joint_placements:\n  leg1_s1: {rotation_mrad: [0, 200, 0]}\n", "200 mrad is no placement error"),
-        (HEAD + "drive_offsets: {leg4_s5: {offset_mrad: -629}}\n", "-629 mrad is no drive offset.*a tenth of a turn"),
+        (HEAD + PLACED + "[0, 0, 600]\n", "600 mm is too large for a placement error.*check the unit"),
+        (
+            HEAD + "joint_placements:\n  leg1_s1: {rotation_mrad: [0, 200, 0]}\n",
+            "200 mrad is too large for a placement error",
+        ),
+        (
+            HEAD + "drive_offsets: {leg4_s5: {offset_mrad: -629}}\n",
+            "-629 mrad is too large for a drive offset.*a tenth of a turn",
+        ),
         ("format: pouring_robot/model/7\n", "pouring_robot/model/1"),
         (HEAD + "joint_placements: 5\n", "joint_placements"),
         (HEAD + "joint_placements:\n", "joint_placements"),

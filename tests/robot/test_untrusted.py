@@ -146,7 +146,7 @@ def test_pictures_ask_for_meshes_that_they_draw_and_for_no_others(folder):
         if shown:
             assert drawn_robot(mechanism, bodies, "r", "").name == "r"
         else:
-            with pytest.raises(DescriptionError, match=f"package://absent/a.stl is not here.*{FOLDERS_VARIABLE}"):
+            with pytest.raises(DescriptionError, match=f"package://absent/a.stl is not found.*{FOLDERS_VARIABLE}"):
                 drawn_robot(mechanism, bodies, "r", "")
 
 
@@ -237,7 +237,7 @@ def test_limits_that_may_be_degrees_are_asked_about(folder):
     )
     path.write_text(f"<robot name='r'><link name='a'/><link name='b'/><link name='c'/>{turns}</robot>", "utf-8")
     asked = [line for line in first_robot_file(path, folder).splitlines() if "degrees" in line]
-    assert asked == ["# The URDF's limits of arm are -170 to 170 rad: are they degrees? A URDF has rad."]
+    assert asked == ["# The URDF's limits of arm are -170 to 170 rad: are they degrees? A URDF uses rad."]
 
 
 def test_a_tool_stands_before_the_fingers_that_move_more_and_limits_are_asked_for(folder):

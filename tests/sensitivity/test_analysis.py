@@ -209,7 +209,7 @@ def test_everything_is_written(pouring, tmp_path):
 def test_one_name_is_one_name_and_what_is_asked_may_be_arrays():
     one = Request(poses=2, parameters="alpha_e1_01", box=(np.array([-0.1, 0.1]), None, None, None))
     assert one == Request(poses=2, parameters=("alpha_e1_01",), box=((-0.1, 0.1), None, None, None))
-    with pytest.raises(BadInputError, match="what is studied is a Request, not a dict"):
+    with pytest.raises(BadInputError, match="the request of a study is a Request, not a dict"):
         sensitivity(None, {"poses": 2})
 
 

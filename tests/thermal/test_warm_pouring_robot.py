@@ -76,7 +76,7 @@ def test_warm_robots_and_what_is_found_with_them_go_to_other_processes(heated):
     assert robot.robot.layout == heated.robot.layout
     assert repr(heated).startswith("<HeatedRobot: layout paper, melt_degC=None ") and "\n" not in repr(heated)
     assert repr(found.state).startswith("<WarmState: ladle_lip is ") and "\n" not in repr(found.state)
-    with pytest.raises(BadInputError, match="how much parts have grown is a ThermalExpansion, not a float"):
+    with pytest.raises(BadInputError, match="the growth of the parts is a ThermalExpansion, not a float"):
         WarmRobot(heated.robot, 1e-3, POSE)
     assert repr(HeatedRobot(heated.robot)) == "<HeatedRobot: layout paper, cold>"
 

@@ -124,7 +124,7 @@ def summary_lines(found: SweepReport) -> list[str]:
     if found.summary.failed:
         others = ((name, count) for name, count in figures["status"].items() if name != STATUS_NAMES[CLOSED])
         failed = ", ".join(f"{count} {name}" for name, count in others)
-        lines.append(f"note: without a solution, kept with their status: {failed}")
+        lines.append(f"note: cases without a solution, kept with their status: {failed}")
     if found.indices and found.indices.dropped:
         lines.append(f"note: {found.indices.dropped} base samples have no solution at some pose and are left out there")
     return lines

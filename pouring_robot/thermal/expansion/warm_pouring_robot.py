@@ -65,7 +65,7 @@ class WarmRobot(PouringRobot):
     """
 
     def __init__(self, robot: PouringRobot, expansion: ThermalExpansion, pose: PlatformPose) -> None:
-        expect(expansion, ThermalExpansion, "how much parts have grown is a ThermalExpansion")
+        expect(expansion, ThermalExpansion, "the growth of the parts is a ThermalExpansion")
         # Not super().__init__: model, nominal solver and kinematics are the given robot's, and building takes time.
         self.__dict__.update(vars(robot))
         self.expansion, self.pose = expansion, pose
