@@ -86,7 +86,7 @@ class Campaign(Result):
     def __post_init__(self) -> None:
         expect(self.path, Path | str, "the path of a campaign is that of its table, or the one it would have")
         expect(self.metadata, CampaignMetadata, "the metadata of a campaign are CampaignMetadata")
-        demand = "the lines of a campaign are whole numbers, one a row"
+        demand = "the lines of a campaign are whole numbers, one per row"
         lines = finite(self.lines, (None,), demand)
         if (lines % 1.0).any():
             raise BadInputError(demand)

@@ -50,7 +50,7 @@ def _impossible(campaign: Campaign, name: str, wrong: BoolArray, unit: str, why:
     """Return the finding of the rows (n,) in which a condition has an impossible value, in its internal unit."""
     rows, values = np.flatnonzero(wrong), campaign.quantity(name)
     first = float("nan") if values is None else float(values[rows[0]])
-    message = f"column '{campaign.heading(name)}' holds {first:g} {unit} in {where(campaign, rows)}, and {why}"
+    message = f"column '{campaign.heading(name)}' holds {first:g} {unit} in {where(campaign, rows)}, but {why}"
     return flagged(campaign, FlagCode.IMPOSSIBLE_CONDITION, message, rows, [name], {f"first_{unit}": first})
 
 
@@ -71,7 +71,7 @@ def _travels(campaign: Campaign, drawing: Drawing) -> Iterator[DataFlag]:
         factors = [(1.0, ""), *LENGTH_MISTAKES]
         fits = (w for f, w in factors if np.mean(np.abs(values * f) <= reach) > _NEARLY_ALL)
         if wrong := next(fits, ""):
-            said = f"{wrong}: it reaches {largest:g} m, and the axis ends at {high:g} m"
+            said = f"{wrong}: it reaches {largest:g} m, but the axis ends at {high:g} m"
             yield wrong_unit(campaign, name, said, {"largest_m": largest, "limit_m": high})
         else:
             far = np.abs(campaign.conditions[name]) > reach
@@ -100,7 +100,7 @@ def _forces(campaign: Campaign, drawing: Drawing) -> Iterator[DataFlag]:
         values, effort = campaign.quantity(name), float(model.effortLimit[_place(model, drive.joint)])
         if values is not None and effort > 0.0 and (wrong := np.abs(values) > _FAR * effort).any():
             unit = next(iter(UNITS[drive.load]))
-            yield _impossible(campaign, name, wrong, unit, f"the drive's effort ends at {effort:g} {unit}")
+            yield _impossible(campaign, name, wrong, unit, f"the drive's effort limit is {effort:g} {unit}")
 
 
 def _place(model: pin.Model, joint: str) -> int:

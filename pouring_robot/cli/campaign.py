@@ -278,6 +278,6 @@ def _frame(figures: Frame | None) -> Any:
 
 
 campaign = bundles.group_of(
-    "Measurement campaigns: choose what to measure, check the data, or measure a virtual robot.",
+    "Measurement campaigns: choose what to measure, check the data, or simulate measurements.",
     [plan, check, simulate],
 )

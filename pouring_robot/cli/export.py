@@ -14,14 +14,14 @@ def export(
     out: Annotated[Path, results_folder(what="the description and its meshes")],
     form: Annotated[
         Literal["urdf", "mjcf", "sdf", "drake"],
-        opt("sdf: loops are joints, as Gazebo classic reads; drake: SDF whose loops are bushings.", "--format"),
+        opt("sdf: loops as joints, for Gazebo classic; drake: SDF with loops as bushings.", "--format"),
     ] = "urdf",
     commanded: bundles.CommandOptions,
     zero_here: Annotated[bool, opt("URDF: set the zeros of all joints at this pose.", "--zero-here")] = False,
     absolute_meshes: Annotated[bool, opt("URDF: give meshes by absolute paths.", "--absolute-meshes")] = False,
     which: bundles.RobotOptions,
 ) -> None:
-    """Write the robot as built, closed at a pose: description, meshes, joint values, and how the tree closes.
+    """Write the robot as built, closed at a pose: description, meshes, joint values, loop closures.
 
     Default pose: the middle of the workspace, or the home of the robot file.
     """

@@ -33,7 +33,7 @@ def read_pose_lines(
     table = read_table(path, wanted)
     driven = {heading for drive in drives for heading in drive.headings}.intersection(table.headings)
     if driven:
-        said = f"'{min(driven)}' is a drive's, as in a campaign, whose places are a tracker's"
+        said = f"'{min(driven)}' is the column of a drive, as in a campaign, whose positions are measured"
         raise table.heading_fault(f"{said}; this takes poses of the platform, in the columns {wanted}")
     table.refuse_others([*(heading for quantity in PLATFORM_POSE for heading in quantity.headings), "sample", *beside])
     columns = [whole_column(table, quantity)[1].tolist() for quantity in PLATFORM_POSE]
@@ -54,7 +54,7 @@ def read_command_lines(path: Path | str, robot: RobotDefinition) -> dict[int, Fl
     headings = read_table(path, drives[0].canonical).headings
     posed, driven = (any(one in q.headings for one in headings for q in kind) for kind in (places, drives))
     if posed and driven:
-        both = "drives and places both say where the robot is sent, and places may be a tracker's"
+        both = "drives and positions both give the command, and positions may be measured ones"
         raise TableError(path, f"{both}; keep the columns of one kind")
     columns = (*places, *turns) if posed else drives
     table = read_quantities(path, columns, columns[0].canonical)

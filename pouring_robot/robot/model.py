@@ -110,7 +110,7 @@ class RobotModel(StrictModel):
         if self.robot is not None:
             for key in ("layout", "layouts_file", "heat"):
                 if key in self.model_fields_set and getattr(self, key) is not None:
-                    raise ValueError(f"'{key}' is of the pouring robot only; leave it out beside 'robot'")
+                    raise ValueError(f"'{key}' is for the pouring robot only; leave it out with 'robot'")
         return self
 
     @classmethod
@@ -227,7 +227,7 @@ class RobotModel(StrictModel):
     def cautions(self, name: str = "the model") -> tuple[str, ...]:
         """Return, in a line each, why the model called ``name`` is not to be used."""
         worse = (campaign for campaign, learned in self.learned.items() if learned.worse)
-        said = "it fits rows held out there worse than without: do not use it"
+        said = "rows held out there fit worse than without it: do not use it"
         return tuple(f"{name} with what it learned in '{campaign}': {said}" for campaign in worse)
 
     def left_out(

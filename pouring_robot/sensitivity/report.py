@@ -230,7 +230,7 @@ class SensitivityReport(Result):
             Paragraph(self.headline, "headline"),
             Paragraph(missed_line(self)),
             Heading("What to control"),
-            Lines(control_lines(self) or ["nothing passes the limit"]),
+            Lines(control_lines(self) or ["nothing exceeds the limit"]),
             Heading("Pictures"),
             *plots,
             Heading("Each error alone"),
@@ -238,7 +238,7 @@ class SensitivityReport(Result):
         ]
         if self.dh:
             blocks += [Heading("The DH table"), dh_table(self)]
-        links = {"a row an error": "sensitivity.csv", "all figures": "sensitivity.json"}
+        links = {"one row per error": "sensitivity.csv", "all figures": "sensitivity.json"}
         title = f"Sensitivity of {self.robot}"
         files[folder / "report.html"] = html_page(title, blocks, links=links)
         return list(write_together(files, overwrite=overwrite))

@@ -144,7 +144,7 @@ class Grid(StrictModel):
     def _not_too_many(self) -> Self:
         count = self.x * self.y * self.z * self.tilt
         if count > _MOST_POSES:
-            raise ValueError(f"a grid of {count:,} poses is too large; take {_MOST_POSES:,} at most")
+            raise ValueError(f"a grid of {count:,} poses is too large; use {_MOST_POSES:,} at most")
         return self
 
 
@@ -218,14 +218,14 @@ class SweepConfig(StrictModel):
         if sum(name is not None for name in (self.layout, self.robot, self.model)) > 1:
             raise ValueError("give one of layout, robot and model, not both: a model file names its robot and layout")
         if self.errors and self.tolerances is not None:
-            raise ValueError("tolerances take the place of errors; leave one of the two out")
+            raise ValueError("tolerances replace errors; leave one of the two out")
         if (self.study == "one_at_a_time") != (self.samples is None):
             need = "takes no samples" if self.samples is not None else "needs samples, the number of robots"
             raise ValueError(f"study '{self.study}' {need}")
         if self.study == "sobol" and (self.samples == 1 or (self.samples or 0).bit_count() != 1):
             raise ValueError(f"study 'sobol' needs a power of two as samples, 2 or more, not {self.samples}")
         if self.study == "sobol" and any(entry.correlation for entry in self.errors):
-            raise ValueError("Sobol indices need independent errors; leave correlation out, or take monte_carlo")
+            raise ValueError("Sobol indices need independent errors; leave correlation out, or use monte_carlo")
         if self.kind == "open_branch" and self.model is not None:
             raise ValueError("kind 'open_branch' is a study of the drawing; give layout instead of model")
         if self.kind == "open_branch" and self.allocation is not None:

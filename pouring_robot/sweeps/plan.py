@@ -177,7 +177,7 @@ class SweepPlan:
             if shared and owner.setdefault(p.part, key) != key:
                 raise self.config.problem(
                     f"allocation by {by}: errors of {p.part} are correlated, so their tolerances must be scaled "
-                    "together; take 'by: part', or leave correlation out"
+                    "together; use 'by: part', or leave correlation out"
                 )
         return tuple(names.index(key) for key in keys)
 
@@ -249,7 +249,7 @@ class SweepPlan:
         if self.config.kind != "open_branch":
             return
         if self.catalogue.table is None:
-            raise self.config.problem("an open branch is of a robot with a DH table of its chains; take 'closed_chain'")
+            raise self.config.problem("an open branch needs a robot with a DH table of its chains; use 'closed_chain'")
         chains = sorted({p.chain for p in self.parameters})
         if self.config.study != "one_at_a_time" and len(chains) > 1:
             raise self.config.problem(

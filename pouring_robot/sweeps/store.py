@@ -74,9 +74,7 @@ class SweepStore:
             self._refuse_other()
         else:
             for left in (name for name in REPORTS if (self.folder / name).exists()):
-                raise SweepStoreError(
-                    self.folder, f"holds {left} of another sweep; take another folder or use {_OVERWRITE}"
-                )
+                raise SweepStoreError(self.folder, f"holds {left} of another sweep; use another folder or {_OVERWRITE}")
             with writing(self.folder):
                 self._made = self._make()
             self._group = open_group(self.path)
@@ -164,7 +162,7 @@ class SweepStore:
     def _refuse_other(self) -> None:
         attributes = dict(self._group.attrs)
         if attributes.get("format") != FORMAT or "content" not in attributes:
-            raise SweepStoreError(self.path, "is not the store of a sweep; take another folder")
+            raise SweepStoreError(self.path, "is not the store of a sweep; use another folder")
         if attributes.get("content_hash") == self.plan.content_hash:
             return
         try:
@@ -173,7 +171,7 @@ class SweepStore:
             raise _damaged(self.path, "its attributes cannot be read") from problem
         raise SweepStoreError(
             self.folder,
-            f"holds the results of another sweep ({_difference(other, self.plan.content)}); take another folder",
+            f"holds the results of another sweep ({_difference(other, self.plan.content)}); use another folder",
         )
 
 
@@ -205,13 +203,13 @@ def require_room(folder: Path | str, plan: SweepPlan) -> None:
     study = f"{robots} robots at {len(plan.poses)} poses"
     if 0 < disk < size:  # some file systems do not tell their size
         raise plan.config.problem(
-            f"the results of {study} take {_gigabytes(size)}, and the disk of {place} has {_gigabytes(disk)}; "
-            "take fewer samples or poses, or a larger disk"
+            f"the results of {study} need {_gigabytes(size)}, but the disk of {place} has {_gigabytes(disk)}; "
+            "use fewer samples or poses, or a larger disk"
         )
     if kept > memory:
         raise plan.config.problem(
-            f"the sums of {study} take {_gigabytes(kept)} of memory, and this machine has {_gigabytes(memory)}; "
-            "take fewer samples, or larger chunks"
+            f"the sums of {study} need {_gigabytes(kept)} of memory, but this machine has {_gigabytes(memory)}; "
+            "use fewer samples, or larger chunks"
         )
 
 
@@ -226,7 +224,7 @@ def remove_sweep(folder: Path | str) -> None:
     with writing(folder):
         if path.exists() or path.is_symlink():
             if dict(open_group(path).attrs).get("format") != FORMAT:
-                raise SweepStoreError(path, "is not the store of a sweep; take another folder")
+                raise SweepStoreError(path, "is not the store of a sweep; use another folder")
             with _locked(path):
                 path.rename(gone := hidden_name(path))  # as one step: what is stopped here leaves no half of a store
                 shutil.rmtree(gone)
@@ -271,7 +269,7 @@ def writing(folder: Path, advice: str = "choose a place you may write to") -> It
 
 def _damaged(path: Path, reason: str) -> SweepStoreError:
     short = " ".join(reason.split())[:200]
-    return SweepStoreError(path, f"is damaged ({short}); nothing was changed: restore it, or take another folder")
+    return SweepStoreError(path, f"is damaged ({short}); nothing was changed: restore it, or use another folder")
 
 
 def _difference(other: Any, own: dict[str, Any]) -> str:

@@ -520,7 +520,14 @@ def test_a_campaign_in_the_place_of_poses_is_told_as_such(run, tmp_path, command
     """Its x, y and z are a tracker's, and no slip of the pen makes one of its columns another."""
     path = tmp_path / "campaign.csv"
     path.write_text("sample,q1_mm,q2_mm,q3_mm,q4_rad,x_mm,y_mm,z_mm,operator\n0,500,500,600,0,1,2,3,me\n")
-    refused(run, tmp_path, 2, ("'q1_mm' is a drive's, as in a campaign", "x_mm, y_mm, z_mm, tilt_deg"), *command, path)
+    refused(
+        run,
+        tmp_path,
+        2,
+        ("'q1_mm' is the column of a drive, as in a campaign", "x_mm, y_mm, z_mm, tilt_deg"),
+        *command,
+        path,
+    )
 
 
 def test_path_says_which_row_is_out_of_reach(run, tmp_path):

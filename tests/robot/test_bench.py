@@ -63,7 +63,7 @@ def test_every_error_is_offered_with_its_unit(bench):
         ({"values": {"x_mm": float("nan")}}, "finite"),
         ({"values": {"x_mm": -1e300}}, "greater than or equal to -1000000000"),
         ({"errors": {"leg1_s1.tx": 1e300}}, "less than or equal to 1000000000"),
-        ({"errors": {"leg9_s1.tx": 1.0}}, "no error 'leg9_s1.tx'"),
+        ({"errors": {"leg9_s1.tx": 1.0}}, "no geometric error 'leg9_s1.tx'"),
         ({"errors": {"leg1_s1.tx": 5000.0}}, "too large for a placement error"),
     ],
 )

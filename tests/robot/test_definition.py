@@ -234,7 +234,7 @@ def test_a_group_is_of_one_unit_and_no_drive_is_in_none(arm, groups, found):
         ("ratio: 0.5", "ratio: 0", "a ratio of 0 moves nothing"),
         ("column: turn", "column: reach", "two drives have the column 'reach'; .*mimic"),
         ("name: two_joints", "name: two joints", "line 2"),
-        ("drives:", "groups: {g: [elbow]}\ndrives:", "group 'g' names 'elbow', which is no drive"),
+        ("drives:", "groups: {g: [elbow]}\ndrives:", "group 'g' names 'elbow', which is not a drive"),
         ("drives:", "groups: {g: []}\ndrives:", "group 'g' names no drive"),
         ("drives:", "groups: {g: [reach, reach]}\ndrives:", "group 'g' names a drive twice"),
         ("drives:", "travel: [rail]\ndrives:", "'rail' is not a joint of the robot"),
@@ -256,7 +256,7 @@ def test_a_joint_of_no_chain_is_not_displaced(arm):
     """Nor asked for under a name that is there: ``calibrate`` said that there was no 'joint_places'."""
     arm.write_text(FILE + "places: [carriage]\n", encoding="utf-8")
     for asked in (ParameterCatalogue, causes_of):
-        with pytest.raises(DescriptionError, match="'carriage' is no joint of the chains"):
+        with pytest.raises(DescriptionError, match="'carriage' is not a joint of the chains"):
             asked(RobotDefinition.load(arm))
 
 
@@ -317,7 +317,7 @@ def test_a_model_names_its_robot_relative_to_itself(arm):
 def test_what_only_the_pouring_robot_has_is_refused_beside_another(arm, more):
     path = arm.parent / "model.yaml"
     path.write_text(f"format: pouring_robot/model/1\nrobot: robot.yaml\n{more}", encoding="utf-8")
-    with pytest.raises(DescriptionError, match="is of the pouring robot only"):
+    with pytest.raises(DescriptionError, match="is for the pouring robot only"):
         RobotModel.load(path)
 
 

@@ -50,7 +50,11 @@ def test_a_set_is_found_like_a_name(catalogue):
 
 @pytest.mark.parametrize(
     ("name", "reason"),
-    [("d_e1_4", "it is drive.leg1_s3"), ("theta_e2_3", "passive joint 'leg2_s2' takes it up"), ("d_e1_0", "origin")],
+    [
+        ("d_e1_4", "it is drive.leg1_s3"),
+        ("theta_e2_3", "passive joint 'leg2_s2' compensates for it"),
+        ("d_e1_0", "origin"),
+    ],
 )
 def test_what_measurements_cannot_show_is_refused_with_the_reason(catalogue, name, reason):
     assert catalogue.match(name)[0].hidden_by

@@ -124,7 +124,7 @@ def test_drives_by_name_are_all_of_them(crooked):
     del told[names[-1]]
     with pytest.raises(BadInputError, match=f"the value of drive '{names[-1]}' is missing"):
         crooked.actual_drives(told)
-    with pytest.raises(BadInputError, match="'elbow' is no drive"):
+    with pytest.raises(BadInputError, match="'elbow' is not a drive"):
         crooked.actual_drives({**told, "elbow": 0.0})
 
 

@@ -72,12 +72,12 @@ BAD = {
     "no samples": ({"samples": None}, "needs samples"),
     "more robots than a disk holds": (
         {"samples": 10**13},
-        r"10000000000000 robots at 8 poses take 1\.\d\de\+7 GB, and the disk of .*out has .* GB; take fewer samples",
+        r"10000000000000 robots at 8 poses need 1\.\d\de\+7 GB, but the disk of .*out has .* GB; use fewer samples",
     ),
-    "beyond all numbers": ({"samples": 10**400}, "take fewer samples or poses"),
+    "beyond all numbers": ({"samples": 10**400}, "use fewer samples or poses"),
     "sobol beyond all points": (
         {"study": "sobol", "samples": 2**50, "errors": [LENGTHS]},
-        "take fewer samples",
+        "use fewer samples",
     ),
     "samples one at a time": ({"study": "one_at_a_time"}, "takes no samples"),
     "sobol without power of two": ({"study": "sobol", "errors": [LENGTHS]}, "power of two"),

@@ -48,7 +48,7 @@ def test_what_is_too_large_is_refused_before_older_results_are_taken_away(copy, 
     usage = shutil.disk_usage(out)
     for total in (10**18, 0):  # of none that tells its size
         monkeypatch.setattr("pouring_robot.sweeps.store.shutil.disk_usage", lambda _, t=total: usage._replace(total=t))
-        refused(large, out, "of memory, and this machine has", capsys, "--overwrite")
+        refused(large, out, "of memory, but this machine has", capsys, "--overwrite")
 
 
 def test_arrays_are_labelled_and_carry_units(finished, plan):
@@ -117,7 +117,7 @@ def test_what_is_no_sweep_is_not_overwritten(copy, capsys):
         ({"chunk": 32}, "chunk"),
         ({"samples": 41}, "samples"),
         ({"layout": "wide"}, "layout, urdf"),
-        ({"poses": {"grid": {"x": 2}}}, "poses); take another folder"),
+        ({"poses": {"grid": {"x": 2}}}, "poses); use another folder"),
     ],
 )
 def test_another_sweep_is_not_gone_on_with(copy, tmp_path, capsys, changes, named):

@@ -112,7 +112,7 @@ def test_one_direction_of_several(measured):
     both = measured[0].select([name for name in measured[0].names if not name.endswith("_z")])
     assert list(regress(both, axis="y").axes) == ["y"]
     assert by_axis(both, "y")["y"].errors.tolist() == by_axis(both)["y"].errors.tolist()
-    with pytest.raises(TableError, match="holds no direction z, its sets say x, y; give --axis one of these"):
+    with pytest.raises(TableError, match="has no direction z, only x, y; give --axis one of these"):
         regress(both, axis="z")
 
 

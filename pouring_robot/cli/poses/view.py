@@ -29,7 +29,7 @@ def view(
     port: Annotated[int, opt("TCP port on the loopback address; 0 takes a free one.")] = 0,
     browser: Annotated[bool, opt("Open the page in the browser.")] = True,
 ) -> None:
-    """Move the nominal and the actual robot in the browser by sliders, until Ctrl-C.
+    """Move the nominal and the actual robot in the browser with sliders, until Ctrl-C.
 
     Without a command the robot starts in the middle of its workspace, or at its home. Sliders move the pose or the
     drives, the melt's temperature and its time, and every geometric error. With --path or --campaign the page plays

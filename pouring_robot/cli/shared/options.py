@@ -185,7 +185,9 @@ AsJson = Annotated[bool, opt("Print JSON instead of a table.", "--json")]
 CampaignFile = Annotated[
     Path, argument("CAMPAIGN", "Table, such as a CSV, with a YAML file of the same name beside it.")
 ]
-TolerancesFile = Annotated[Path | None, reads("Tolerances of the parts (default: the robot's own, or the shipped).")]
+TolerancesFile = Annotated[
+    Path | None, reads("Tolerances of the parts (default: the robot's own, or the shipped ones).")
+]
 HoldOutBy = Annotated[Literal["auto", "session", "time", "region"], opt("How rows are grouped into held-out blocks.")]
 ReportFile = Annotated[Path | None, writes("Write the output, with plots, as an HTML page.")]
 PngFile = Annotated[Path | None, writes("Write a picture; no screen is needed.", check=_check_png)]

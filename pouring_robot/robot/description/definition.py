@@ -365,7 +365,7 @@ class RobotDefinition:
         """Raise DescriptionError where the file lets a joint be displaced that is none of the chains'."""
         for joint in self._displaced:
             if joint not in joints:
-                raise DescriptionError(self.path, f"'{joint}' is no joint of the chains{closest(joint, joints)}")
+                raise DescriptionError(self.path, f"'{joint}' is not a joint of the chains{closest(joint, joints)}")
 
     @property
     def parameter_sets(self) -> ParameterSets:

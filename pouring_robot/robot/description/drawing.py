@@ -87,7 +87,7 @@ class Drawing:
         expect(drives, Mapping, "drive values, in m and rad, are a mapping by the names of their joints")
         for name in drives:
             if name not in wanted:
-                raise BadInputError(f"'{name}' is no drive{closest(name, wanted)}")
+                raise BadInputError(f"'{name}' is not a drive{closest(name, wanted)}")
         missing = [name for name in wanted if name not in drives]
         if missing:
             raise BadInputError(f"the value of drive '{missing[0]}' is missing; give all of {', '.join(wanted)}")

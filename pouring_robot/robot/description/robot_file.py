@@ -89,7 +89,7 @@ class RobotFile(StrictModel):
                 raise ValueError(f"group '{group}' names {'a drive twice' if members else 'no drive'}")
             for member in members:
                 if member not in joints:
-                    raise ValueError(f"group '{group}' names '{member}', which is no drive{closest(member, joints)}")
+                    raise ValueError(f"group '{group}' names '{member}', which is not a drive{closest(member, joints)}")
         columns = [entry.column or entry.joint for entry in self.drives]
         if len(joints) < len(self.drives):
             raise ValueError("two drives move the same joint")

@@ -303,5 +303,5 @@ def _mesh_path(address: str) -> Path:
     else:
         path = Path(address.removeprefix("file://"))
     if not path.is_file():
-        raise DescriptionError(path, "this mesh is missing; put it there, or take it out of the URDF")
+        raise DescriptionError(path, "this mesh is missing; put it there, or remove it from the URDF")
     return path

@@ -124,7 +124,7 @@ def chain_parameters(chain: DHChain, drives: Collection[str]) -> Iterable[DHPara
 def _role(transform: int, symbol: int, joint: str | None, drives: Collection[str]) -> tuple[Role, str]:
     """Return what a parameter is, and why it drops out if it does (the paper's section 4.2)."""
     if joint is not None:
-        return ("drive", "") if joint in drives else ("joint variable", f"passive joint '{joint}' takes it up")
+        return ("drive", "") if joint in drives else ("joint variable", f"passive joint '{joint}' compensates for it")
     if transform == 0 and symbol in _CONVENTION:
         return "convention", "S_0 is by definition Z of the fixed platform, with the same origin"
     return "geometric", ""

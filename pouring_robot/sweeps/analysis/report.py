@@ -195,7 +195,7 @@ def html_report(found: SweepReport, study: Any, links: Mapping[str, str]) -> str
     plan, frame = found.store.plan, found.summary.frame
     config = plan.config
     over = f"RMS over the {_robots(plan)}"
-    where = f"How far {frame} is {plan.off}, {over}: slices of the workspace, the worst attitude there"
+    where = f"How far {frame} is {plan.off}, {over}: slices of the workspace, the worst orientation there"
     blocks: list[Block] = [
         Paragraph(found.headline, "headline"),
         Lines(summary_lines(found)),

@@ -240,7 +240,7 @@ def by_axis(table: ErrorTable, axis: str = "") -> dict[str, ErrorTable]:
         raise TableError(table.source, "some sets name a direction (P1_x) and others do not; name all or none")
     if axis and axis not in said.values():
         there = ", ".join(dict.fromkeys(said.values()))
-        raise TableError(table.source, f"holds no direction {axis}, its sets say {there}; give --axis one of these")
+        raise TableError(table.source, f"has no direction {axis}, only {there}; give --axis one of these")
     parts = {}
     for a in [axis] if axis else dict.fromkeys(said.values()):
         own = table.select([name for name in table.names if said[name] == a])
@@ -288,7 +288,7 @@ def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
 def html_report(found: RegressionReport) -> str:
     """Return the report as one page without any outside file."""
     source = Path(found.source)
-    plot = Plot("What each method leaves of sets left out (RMS), direction by direction", svg_of(_figure(found)))
+    plot = Plot("Error that each method leaves on sets left out (RMS), by direction", svg_of(_figure(found)))
     title = f"Regression of {source.name}"
     return html_page(title, [Paragraph(found.headline, "headline"), plot, *blocks(found)], data=[source])
 
