@@ -44,7 +44,7 @@ def refused(config, out, pattern, capsys, *options):
 def test_what_is_too_large_is_refused_before_older_results_are_taken_away(copy, tmp_path, capsys, monkeypatch):
     _, out = copy
     large = write(tmp_path, "large.yaml", samples=10**12)
-    refused(large, out, "1000000000000 robots at 8 poses take", capsys, "--overwrite")
+    refused(large, out, "1000000000000 robots at 8 poses need", capsys, "--overwrite")
     usage = shutil.disk_usage(out)
     for total in (10**18, 0):  # of none that tells its size
         monkeypatch.setattr("pouring_robot.sweeps.store.shutil.disk_usage", lambda _, t=total: usage._replace(total=t))
