@@ -304,8 +304,8 @@ class UnsettledCommandsError(NoSolutionError):
         self.pose, self.moved = pose, moved
         super().__init__(
             f"pose {pose}: the model's effects depend on the compensated commands, which do not converge: they still "
-            f"change by {moved * 1e3:.2g} mm or mrad; state sides of approach (approach_<drive>), or check "
-            "the effects' size"
+            f"change by {moved * 1e3:.2g} mm or mrad; state sides of approach (approach_<drive>), or check the size "
+            "of the effects"
         )
 
 
@@ -360,8 +360,8 @@ class MissingConditionsError(BadInputError):
         needed = ", ".join(headings) + (f" (or, for the load, {', '.join(instead)})" if instead else "")
         self.problem = f"the model's effect{'s' if others else ''} '{names}' need{'' if others else 's'} {needed}"
         super().__init__(
-            f"{self.problem}: give a column of that name beside the "
-            f"poses, or one value for all of them by --condition {first}=VALUE (in Python {{'{first}': VALUE}})"
+            f"{self.problem}: give a column of that name beside the poses, or one value for all of them by --condition "
+            f"{first}=VALUE (in Python {{'{first}': VALUE}})"
         )
 
 

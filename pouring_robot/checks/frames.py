@@ -88,8 +88,8 @@ def in_frames_of_their_own(campaign: Campaign, poses: PoseStack) -> tuple[Campai
     if moved < _SET_UP_ANEW_M or before < _TIMES_BETTER * after:
         return campaign, remounted
     message = (
-        f"sessions were measured from places up to {moved:.3g} m apart: seen from one place, they miss the robot by "
-        f"{before / MM:.3g} mm per coordinate; with a frame for each session, by {after / MM:.3g} mm"
+        f"sessions were measured from places up to {moved:.3g} m apart: seen from one place, they differ from the "
+        f"robot by {before / MM:.3g} mm per coordinate; with a frame for each session, by {after / MM:.3g} mm"
     )
     together = dataclasses.replace(together, distance_m=campaign.distance_m)
     return together, [flagged(campaign, FlagCode.APART_SESSIONS, message, metrics={"apart_m": moved}), *remounted]
@@ -121,9 +121,8 @@ def _targets_moved(campaign: Campaign, everything: Comparison, shared: FrameFit 
             one = " and ".join(f"{before / si:.3g} {unit}" for before, _, _, si, unit in sizes)
             other = " and ".join(f"{after / si:.3g} {unit}" for _, after, _, si, unit in sizes)
             message = (
-                f"in session '{session}' the target seems to sit elsewhere on the robot: with the place of "
-                "all sessions, "
-                f"the rows miss the robot by {one} per component; with a place of its own, by {other}"
+                f"in session '{session}' the target seems to sit elsewhere on the robot: with the place of all "
+                f"sessions, the rows differ from the robot by {one} per component; with a place of its own, by {other}"
             )
             severity = Severity.ERROR if hopeless else Severity.WARNING
             yield flagged(campaign, FlagCode.TARGET_MOVED, message, members, severity=severity)
@@ -266,9 +265,9 @@ class FrameChecks:
     def _no_agreement(self, names: tuple[str, ...], misfit: float, unit: str, *, roughly: bool = False) -> None:
         headings = ", ".join(self.campaign.heading(name) for name in names)
         message = (
-            f"drives and measurements {'agree only roughly' if roughly else 'do not agree'}: {headings} miss the "
-            f"nominal robot by {misfit:.3g} {unit}, whatever the two frames, and no usual mistake of units or frames "
-            "explains it"
+            f"drives and measurements {'agree only roughly' if roughly else 'do not agree'}: {headings} differ from "
+            f"the nominal robot by {misfit:.3g} {unit}, whatever the two frames, and no usual mistake of units or "
+            "frames explains it"
         )
         code, figures = FlagCode.NO_AGREEMENT, {f"misfit_{unit}": misfit}
         severity, remedy = (Severity.WARNING, _ROUGH) if roughly else (Severity.ERROR, "")

@@ -151,8 +151,8 @@ def _belonging_elsewhere(campaign: Campaign, rows: Indices, distance: float, ang
     """Return the finding of rows (k,) so many that they mask each other where rows are judged by the others."""
     names, off = _off(campaign, distance, angle)
     message = (
-        f"drives and measurements do not agree in {len(rows)} rows: {where(campaign, rows)} miss the nominal robot by "
-        f"{off} (medians); the others agree with it"
+        f"drives and measurements do not agree in {len(rows)} rows: {where(campaign, rows)} differ from the nominal "
+        f"robot by {off} (medians); the others agree with it"
     )
     metrics = {"distance_mm": distance / MM, "angle_mrad": angle / MRAD}
     return flagged(campaign, FlagCode.NO_AGREEMENT, message, rows, names, metrics)

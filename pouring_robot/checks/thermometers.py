@@ -86,9 +86,8 @@ def _in_the_air(campaign: Campaign) -> Iterator[DataFlag]:
             rows = session[np.isfinite(own[session])]
             for cold, step in _cold_at_once(own[rows], others[:, rows]):
                 message = (
-                    f"column '{campaign.heading(name)}' is as cold as the hall in "
-                    f"{where(campaign, rows[cold])}, with a "
-                    f"step of {step:.0f} K, while the other parts stay warm"
+                    f"column '{campaign.heading(name)}' is as cold as the hall in {where(campaign, rows[cold])}, with "
+                    f"a step of {step:.0f} K, while the other parts stay warm"
                 )
                 yield flagged(campaign, FlagCode.COLUMN_JUMP, message, rows[cold], [name], {"largest_K": step})
 

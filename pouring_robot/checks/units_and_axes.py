@@ -239,7 +239,7 @@ def mistaken_distances(campaign: Campaign, poses: PoseStack) -> Iterator[DataFla
         message = (
             f"all distances in '{heading}' seem to be {short / MM:.3g} mm too short: wherever device and target are, "
         )
-        message += f"they miss the robot by {before / MM:.3g} mm, and with that added by {after / MM:.3g} mm"
+        message += f"they differ from the robot by {before / MM:.3g} mm, and with that added by {after / MM:.3g} mm"
         figures = {"short_mm": short / MM, "misfit_before_mm": before / MM, "misfit_after_mm": after / MM}
         yield flagged(campaign, FlagCode.DISTANCE_ZERO, message, quantities=quantities, metrics=figures)
 

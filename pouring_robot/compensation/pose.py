@@ -377,9 +377,8 @@ def drive_notes(found: Sequence[DriveCompensation]) -> list[str]:
         furthest = {mechanism.unit_of(name): (name, way) for way, name in ascending}  # the last of each unit
         by = " and ".join(drive_words(mechanism, dict(furthest.values())))
         notes.append(
-            f"compensated drives are far from the given ones: {len(ways)} {many}, by up to {by}; errors are "
-            "large, or poses "
-            "are (nearly) singular (arm stretched, axes aligned): check this before the robot moves"
+            f"compensated drives are far from the given ones: {len(ways)} {many}, by up to {by}; errors are large, or "
+            "poses are (nearly) singular (arm stretched, axes aligned): check this before the robot moves"
         )
     if kept := sum(one.kept for one in found):
         notes.append(

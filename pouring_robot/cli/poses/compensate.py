@@ -150,8 +150,8 @@ def _sentences(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
     roll, yaw = (max((one.uncontrolled_rad[k] for one in found), key=abs) / MRAD for k in (0, 1))
     lip = max(one.left_at_lip.distance_m for one in found) / MM
     yield (
-        f"{word}the drives cannot correct roll {roll:+z.3f} mrad about x, yaw "
-        f"{yaw:+z.3f} mrad about z; the lip stays {lip:.3f} mm off"
+        f"{word}the drives cannot correct roll {roll:+z.3f} mrad about x, yaw {yaw:+z.3f} mrad about z; the lip stays "
+        f"{lip:.3f} mm off"
         + ("; --frame ladle_lip corrects the lip instead" if closed and frame != "ladle_lip" else "")
     )
     moved = max(one.state.unsettled_m for one in found)

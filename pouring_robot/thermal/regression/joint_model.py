@@ -172,8 +172,8 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         lost = np.flatnonzero(np.abs(regression.standardised_coef_) < 1e-9)
         if lost.size:
             raise ErrorSetError(
-                f"the kept components do not represent error set {names[lost[0]]}, "
-                "so it cannot be predicted from the others; ask for fewer groups or a larger explained share"
+                f"the kept components do not represent error set {names[lost[0]]}, so it cannot be predicted from the "
+                "others; ask for fewer groups or a larger explained share"
             )
         slopes, offsets = regression.coef_ * self.single_coef_, regression.coef_ * self.single_intercept_
         self.set_coef_ = (1.0 - slopes.sum() + slopes) / regression.coef_
