@@ -130,8 +130,8 @@ def check_noise(aligned: Aligned, wrong: Indices) -> Iterator[DataFlag]:
         stated = campaign.metadata.sigma_position_m / MM
         message = (
             f"the stated noise is too small, or the errors differ from move to move: all {len(scatters)} measured "
-            f"components scatter at least {factor:.{two_digits(factor)}f} times as much, which no smooth cause explains; for a "
-            f"position, that is {factor * stated:.2g} mm, not {stated:.2g}"
+            f"components scatter at least {factor:.{two_digits(factor)}f} times as much, which no smooth cause "
+            f"explains; for a position, that is {factor * stated:.2g} mm, not {stated:.2g}"
         )
         yield flagged(campaign, FlagCode.NOISE_TOO_SMALL, message, metrics={"factor": factor})
 

@@ -99,7 +99,7 @@ def read_mesh(name: str, content: bytes) -> Any:
         why = " ".join(str(problem).split())
         raise DescriptionError("URDF", f"the mesh {name} cannot be read: {why}") from problem
     if mesh.is_empty:
-        raise DescriptionError("URDF", f"the mesh {name} has no faces; is the file whole?")
+        raise DescriptionError("URDF", f"the mesh {name} has no faces; is the file complete?")
     return mesh
 
 
