@@ -68,11 +68,17 @@ class Conclusions(Findings):
     @cached_property
     def _amended(self) -> tuple[RobotModel, str]:
         if self.train.worse:
-            return self.model, "what was found does not bring the fitted rows closer, so the model stays as given"
+            return (
+                self.model,
+                "what was found does not reduce the errors of the fitted rows, so the model stays as given",
+            )
         try:
             return amended_model(self), ""
         except CalibrationError as problem:
-            return self.model, f"what was found is no credible robot ({problem.problem}), so the model stays as given"
+            return (
+                self.model,
+                f"what was found makes no credible robot ({problem.problem}), so the model stays as given",
+            )
 
     @property
     def amended(self) -> RobotModel:

@@ -43,8 +43,8 @@ class CrossValidatedGap:
         """That what was found hardly predicts held-out rows, in words; "" where it does."""
         if not self.gap.kept:
             return ""
-        said = "foretold by the others, blocks held out in turn keep more than half of their gap"
-        return f"{said}: what was found takes up the rows that it was fitted to"
+        said = "predicted from the others, blocks held out in turn keep more than half of their gap"
+        return f"{said}: what was found describes only the rows it was fitted to"
 
     def times_found(self, cause: Cause) -> int:
         """Return how many of the searches without a block find a cause or one of its alternatives."""

@@ -73,12 +73,12 @@ class DiagnosisOptions(Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        said = f"how many measurements to suggest is a whole number from 0 to {MOST_COUNT}"
+        said = f"the number of measurements to suggest is a whole number from 0 to {MOST_COUNT}"
         count = whole(self.next_count, 0, said, MOST_COUNT)
         rate = Thresholds(self.false_names).false_names
         if self.made_within_mm is not None:
             if not 0.0 < self.made_within_mm < math.inf:
-                said = "what joints are made within is a length in mm, more than 0"
+                said = "the accuracy of the joints is a length in mm above 0"
                 raise BadInputError(f"{said}, not {self.made_within_mm:g}")
             object.__setattr__(self, "made_within_mm", float(self.made_within_mm))
         for name, plain in {"next_count": count, "false_names": rate}.items():
@@ -264,7 +264,7 @@ class _Work:
 
     def judged(self, found: Searched, flags: tuple[DataFlag, ...]) -> Diagnosis:
         """Return the diagnosis of what was found."""
-        self.say("asking whether what is left has structure", 0, 0)
+        self.say("testing the residuals for structure", 0, 0)
         diagnoser = found.diagnoser
         rows, before = diagnoser.rows, diagnoser.at_rest()
         free_residuals(before, rows)  # raises for too few rows now, not when ``where`` is asked for
@@ -273,7 +273,7 @@ class _Work:
         concluded = self._concluded(found, before, misfit, unsettled)
         larger = concluded.judgement.larger_noise
         if larger and not found.larger_noise:
-            self.say("searching again under a larger noise", 0, 0)
+            self.say("searching again with a larger noise", 0, 0)
             repeated = self.judged(found.under_larger(larger), flags)
             if not (repeated.judgement.clear_structures or repeated.judgement.beaten):
                 return repeated
@@ -347,7 +347,7 @@ class _Work:
         wrong = found.gross_errors if rows < FEW_ROWS else found.asked.inliers[:0]
         if not wrong.size or rows - wrong.size >= _FEWEST_ROWS:
             return ""
-        return f"{where(self.campaign, wrong)} may be wrong, and too few rows are left without; measure again there"
+        return f"{where(self.campaign, wrong)} may be wrong, and too few rows remain without them; measure there again"
 
     def _concluded(
         self, found: Searched, before: LinearState, misfit: str, unsettled: str, *, as_noise: bool = True
@@ -387,8 +387,8 @@ class _Work:
 
 def _noise_notes(noise: NoiseLevel) -> list[str]:
     unjudged = (
-        "the noise is not stated and is what is left over, less what clearly follows something unknown: whether a "
-        "smaller gap is left cannot be said"
+        "the noise is not stated: the residuals are taken for it, except what clearly follows something unknown; a "
+        "gap smaller than that cannot be detected"
     )
     return [*([unjudged] if noise.from_residuals else []), *(f"the noise: {doubt}" for doubt in noise.doubts)]
 
@@ -413,8 +413,10 @@ def _unsettled(after: LinearState, hypothesis: Hypothesis, thresholds: Threshold
     predicted = hypothesis.remainder + sum(unnamed, np.zeros(left.size))
     if len(unnamed) == len(hypothesis.items) or rms(left - predicted) < thresholds.structure_size:
         return ""
-    sizes = f"{rms(left):.1f} times the noise, where {rms(predicted):.1f} times was foretold"
-    return f"what was found leaves, put into the robot and closed exactly, {sizes}: it is too large to be believed"
+    sizes = f"{rms(left):.1f} times the noise instead of the predicted {rms(predicted):.1f}"
+    return (
+        f"put into the robot, with exactly closed loops, what was found leaves {sizes}: it is too large to be credible"
+    )
 
 
 def _misfit(rows: CampaignRows, linear: LinearRows) -> str:
@@ -425,10 +427,10 @@ def _misfit(rows: CampaignRows, linear: LinearRows) -> str:
     tolerated = (frames.cleared(size * rows.channel(one.name, linear)) for one, size in sizes)
     limits = largest_noise(noise, linear.component, tolerated) if noise.from_residuals else {}
     words = [
-        f"{noise[kind].sigma / si:.3g} {unit} RMS a {'coordinate' if kind == 'position' else kind}, where all errors "
+        f"{noise[kind].sigma / si:.3g} {unit} RMS per {'coordinate' if kind == 'position' else kind}, where all errors "
         f"within the tolerances make {limit / si:.3g} {unit}"
         for kind, limit in limits.items()
         for unit, si in [unit_of(kind)]
         if noise[kind].sigma > limit
     ]
-    return f"what is left over is too large for noise: {'; '.join(words)}" if words else ""
+    return f"the residuals are too large for noise: {'; '.join(words)}" if words else ""

@@ -27,7 +27,14 @@ from pouring_robot.inference.gaussian_processes.kernels import (
     standardised,
     wandering,
 )
-from pouring_robot.inference.gaussian_processes.processes import CHANCE, Channel, Part, Process, sums_of
+from pouring_robot.inference.gaussian_processes.processes import (
+    CHANCE,
+    CONSTANT,
+    Channel,
+    Part,
+    Process,
+    sums_of,
+)
 from pouring_robot.io.units import MRAD
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.mechanism.local_parameters import COMPONENTS
@@ -37,7 +44,6 @@ _USUAL = 0.3e-3
 """Usual size of something unknown, in m and rad; evidence is averaged from a hundredth to ten times this size."""
 _VARIED = 0.1  # usual share by which the size of an effect varies; evidence is averaged over the same range about it
 DRIVES, SEEN, TARGET = "drives", "readings", "target"
-CONSTANT = "a constant"
 CYCLES = "time, in cycles"
 SIDE, SESSION = "side of approach", "session"
 OTHERS = "other drives"

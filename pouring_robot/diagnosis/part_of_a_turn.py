@@ -40,8 +40,8 @@ def left_open(diagnosis: Conclusions, effect: NamedEffect) -> tuple[str, ...]:
             orders += [f"{drive.words} {turned:.0f}°"] if turned < _TELLS_ORDERS_DEG and terms[name] > 2 else []
             smooth += [f"{drive.words} {turned:.0f}°"] if left <= hidden < whole else []
     sentences = {
-        "turned little, so that orders stand for each other": orders,
-        "in these poses a smooth error that returns with no turn, as of a part that bends, does the same": smooth,
+        "turned too little to distinguish the orders": orders,
+        "in these poses a smooth error that does not repeat with turns, as of a bending part, looks the same": smooth,
     }
     return tuple(f"{said}: {', '.join(joints)}" for said, joints in sentences.items() if joints)
 

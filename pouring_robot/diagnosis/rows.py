@@ -201,7 +201,7 @@ class CampaignRows:
         engine, closure = modelled.by_drawing()
         if not closure.closed.all():
             raise DiagnosisError(
-                f"{np.count_nonzero(~closure.closed)} of {len(self)} rows have drives that no pose of the robot has",
+                f"{np.count_nonzero(~closure.closed)} of {len(self)} rows have drive values that no pose has",
                 "leave them out (`pouring-robot campaign check` lists them)",
             )
         self._start = closure.as_start()

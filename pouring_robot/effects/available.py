@@ -86,7 +86,7 @@ def all_effects(robot: AnyRobot = None) -> dict[str, Effect]:
             said = " ".join(str(problem).split()) or type(problem).__name__
             raise BadInputError(f"the effect '{entry.name}' of {entry.value} cannot be loaded: {said}") from problem
         if not isinstance(effect, Effect):
-            raise BadInputError(f"'{entry.value}' is offered as an effect but is no subclass of Effect")
+            raise BadInputError(f"'{entry.value}' is offered as an effect but is not a subclass of Effect")
         for name in ("id", "story"):
             if not isinstance(getattr(effect, name, None), str):
                 raise BadInputError(f"the effect '{entry.name}' of {entry.value} has no {name}; give its class one")
@@ -102,7 +102,7 @@ def all_effects(robot: AnyRobot = None) -> dict[str, Effect]:
             asked.append(("is driven by", effect.driven_by, frozenset(known_facts(robot))))
         for verb, name, known in asked:
             if name not in known:
-                said = f"the effect '{effect.id}' of {entry.value} {verb} '{name}', which is no condition"
+                said = f"the effect '{effect.id}' of {entry.value} {verb} '{name}', which is not a condition"
                 raise BadInputError(f"{said}{closest(name, known)}; {not_for(robot)}")
         if effect.id in found:
             raise BadInputError(f"two effects are called '{effect.id}'; rename the one of {entry.value}")
@@ -123,7 +123,7 @@ def chosen_effects(robot: AnyRobot = None, exclude: str | Sequence[str] = ()) ->
     """Return all effects but some; raises BadInputError if an effect to leave out does not exist."""
     found, exclude = all_effects(robot), as_tuple(exclude)
     for name in exclude:
-        expect(name, str, "an effect is left out by its name")
+        expect(name, str, "an effect is excluded by its name")
         if name not in found:
             raise BadInputError(f"there is no effect '{name}'{closest(name, found)}")
     return {name: effect for name, effect in found.items() if name not in exclude}

@@ -160,7 +160,7 @@ class Effect(ABC):
 
 def not_for(robot: RobotDefinition) -> str:
     """Return how to correct an effect that a robot cannot have, in words."""
-    return f"mend its class or, if it is not for the robot '{robot.name}', let its `robots` name those it is for"
+    return f"correct its class or, if it is not for the robot '{robot.name}', list the robots it is for in its `robots`"
 
 
 def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[str]) -> tuple[Form, ...]:
@@ -177,13 +177,11 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
         raise BadInputError(f"{said}; {not_for(conditions.robot)}") from problem
     names = [form.name for form in forms]
     if not forms or len(set(names)) < len(names) or not all(any(p.main for p in form.parameters) for form in forms):
-        raise BadInputError(
-            f"the effect '{effect.id}' needs forms of different names, each with a parameter that is main"
-        )
+        raise BadInputError(f"the effect '{effect.id}' needs forms with different names, each with a main parameter")
     for form in forms:
         called = [parameter.name for parameter in form.parameters]
         if len(set(called)) < len(called):  # a model file holds their values by name
-            raise BadInputError(f"the effect '{effect.id}', form '{form.name}' needs parameters of different names")
+            raise BadInputError(f"the effect '{effect.id}', form '{form.name}' needs parameters with different names")
         for parameter in form.parameters:
             where = f"the effect '{effect.id}', form '{form.name}', parameter '{parameter.name}'"
             for name, change in parameter.changes.items():
@@ -195,7 +193,7 @@ def checked_forms(effect: Effect, conditions: Conditions, channels: Collection[s
             if not 0.0 < parameter.prior_std < np.inf:
                 raise BadInputError(f"{where} needs a usual size above zero, not {parameter.prior_std:g}")
             if not parameter.bounds[0] < parameter.bounds[1]:
-                raise BadInputError(f"{where} needs bounds of which the first is the lower, not {parameter.bounds}")
+                raise BadInputError(f"{where} needs bounds with the lower one first, not {parameter.bounds}")
     return forms
 
 

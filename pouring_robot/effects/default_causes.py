@@ -56,17 +56,17 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
     story = "the zeros of the drives are set wrong"
     for name, cause, own in _each(groups, "drive_zero_offset"):
         yield CauseEntry(cause, "zero", story, {**own, "size": _ZERO_MRAD if name in turns else 1.0})
-    slide = "the drives go further or less far than the controller believes, in proportion or with a build-up"
-    turn = "the drives turn further or less far than the controller believes, in proportion: by gear, belt or encoder"
+    slide = "the drives move further or less far than commanded, in proportion or with build-up along the stroke"
+    turn = "the drives turn further or less far than commanded, in proportion: by gear, belt or encoder"
     for name, cause, own in _each(groups, "drive_scale"):
         lead = CauseEntry(cause, "scale", slide, {**own, "build_up": True})
         yield lead if name in slides else CauseEntry(cause, "ratio", turn, own)
-    story = "screws or pinions run out of true: an error that returns with every turn of the motor"
+    story = "screws or pinions run out: an error that repeats with every turn of the motor"
     for _, cause, own in _each(slides, "drive_periodic"):
         yield CauseEntry(cause, "periodic", story, {**own, "period": "pitch"})
     story = (
-        "each joint errs by a periodic function of its own angle; encoder, gear and transmission do the same to a pose "
-        "and cannot be told apart by it"
+        "each joint has an error that is periodic in its own angle; poses cannot show whether encoder, gear or "
+        "transmission causes it"
     )
     for _, cause, own in _each(turns, "joint_periodic"):
         yield CauseEntry(cause, "periodic", story, {**own, "sizes": HARMONIC_SIZES, "all_main": True})
@@ -88,7 +88,7 @@ def _coupled(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterato
     joints = (drive.joint for drive in robot.drives if drive.unit == "rad")
     turns = tuple(sorted(joints, key=mechanism.shared_model.getJointId))
     if len(turns) > 1 and not mechanism.anchors:
-        story = "a drive goes along with another one: gears, belts or rods to it lead past the other's joint"
+        story = "a drive moves along with another one: its gears, belts or rods pass the other's joint"
         yield CauseEntry("drive_coupling", "coupling", story, {"drives": turns})
 
 
@@ -127,7 +127,7 @@ def _bearings(robot: RobotDefinition, mechanism: ClosedChainMechanism) -> Iterat
     said = {joint: mechanism.joint_limits().get(joint, _NO_LIMITS_M) for joint in moving}
     ends = {joint: pair if 0.0 < pair[1] - pair[0] < _LONGEST_M else _NO_LIMITS_M for joint, pair in said.items()}
     strokes = {joint: (0.5 * (first + last), 0.5 * (last - first)) for joint, (first, last) in ends.items()}
-    story = "bearings and links give way: joints tilt under the moment of what they carry"
+    story = "bearings and links yield: joints tilt under the moment of what they carry"
     options = {"load": _usual_moment(robot), "tilts": tilts, "sizes": sizes, "strokes": strokes}
     yield CauseEntry("joint_compliance", "bearing", story, options)
 
@@ -155,7 +155,7 @@ def _usual_moment(robot: RobotDefinition) -> float:
 
 
 def _of_structure(robot: RobotDefinition) -> Iterator[CauseEntry]:
-    story = "joints stand elsewhere on their links, or their axes point elsewhere, than drawn"
+    story = "joints are displaced on their links, or their axes tilted, compared with the drawing"
     if (robot.file.places, robot.file.axes) != ((), ()):
         yield CauseEntry("joint_placement", "placement", story)
     slides = any(drive.unit == "m" for drive in robot.drives)
@@ -164,9 +164,9 @@ def _of_structure(robot: RobotDefinition) -> Iterator[CauseEntry]:
     for travel in robot.travels[:1]:
         story = "the beam that carries the base sinks under it and leans with the slope of its deflection"
         yield CauseEntry("base_deflection", "deflection", story, {"travel": f"{travel}_m", "weight_n": 1000.0})
-    yield CauseEntry("base_drift", "base_drift", "the base creeps away from where it stood when the campaign began")
+    yield CauseEntry("base_drift", "base_drift", "the base creeps away from where it was when the campaign began")
     yield METROLOGY_SCALE
-    story = "base or device stand elsewhere in some sessions than in others"
+    story = "the base or the device is displaced in some sessions"
     yield CauseEntry("session_offset", "session_offset", story)
 
 

@@ -74,13 +74,13 @@ def known_facts(robot: RobotDefinition) -> dict[str, ConditionFacts]:
     found["approach"] = replace(_approach("approach", robot.drives), word="side of approach")
     found |= {f"{group}{SIDES}": _approach(f"{group}{SIDES}", drives) for group, drives in robot.groups.items()}
     found["time_s"] = ConditionFacts(
-        _time, "time", vary="come back to the same poses hours later", least_spread=_HOUR_S
+        _time, "time", vary="measure the same poses again hours later", least_spread=_HOUR_S
     )
     found["session"] = ConditionFacts(
         _drawn("session", "session", lambda number: 1.0 + number),
         sources=("session",),
         record="the session of every row (session)",
-        vary="set base and device up anew and measure the same poses",
+        vary="set up base and device again and measure the same poses",
     )
     return found | of_drives(robot) | _OF_POSE
 
@@ -147,7 +147,7 @@ def _least_way_m(robot: RobotDefinition, joints: Iterable[str], most: float) -> 
 
 def _travel(robot: RobotDefinition, name: str, words: tuple[str, str] | None) -> ConditionFacts:
     record, vary = words or (
-        f"the place of the base ({name}_m)",
+        f"the position of the base ({name}_m)",
         "measure at both ends and in the middle of its travel, with and without load",
     )
     word = name.replace("_", " ")
@@ -194,7 +194,7 @@ def of_drives(robot: RobotDefinition) -> dict[str, ConditionFacts]:
         group = next((name for name, drives in robot.groups.items() if first in drives), "the drives")
         found["lengths_m"] = ConditionFacts(
             _drawn(f"length of {first.words} [mm]", "lengths_m", lambda lengths: lengths[:, 0] / MM),
-            vary=f"measure with {group} as short and as long as they can be",
+            vary=f"measure with {group} as short and as long as possible",
             least_spread=_least_way_m(robot, (drive.joint for drive in slides), 0.1),
             by_pose=True,
         )
@@ -202,7 +202,7 @@ def of_drives(robot: RobotDefinition) -> dict[str, ConditionFacts]:
         which = turns[0].words if len(turns) == 1 else "every joint"
         found["angles_rad"] = ConditionFacts(
             _drawn(f"{turns[0].symbol} [°]", "angles_rad", lambda angles: np.degrees(angles[:, 0])),
-            vary=f"let {which} go through its whole range",
+            vary=f"move {which} through its whole range",
             least_spread=0.2,
         )
     return found

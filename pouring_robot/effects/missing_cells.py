@@ -11,7 +11,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.metadata import FROM_THE_ROW_BEFORE
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
-CAME_FROM = "the side that drives came from"
+CAME_FROM = "the side that the drives came from"
 _MOST_BEYOND = 3  # rows before the first or after the last known value that are filled in with it
 _ALIKE = 0.1
 """Share of a column's range: values no further apart are alike. A cell that is off by as much changes an effect, in one

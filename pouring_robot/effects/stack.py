@@ -74,7 +74,7 @@ def stack_of(
         values += [parameter.value for parameter in entry.parameters.values()]
         for part, count in effect.untold(rows, entry.form).items():
             where = f"{count} of {len(rows)} rows" if len(rows) > 1 else "this pose"
-            untold[f"{entry.effect} of {part} was not learned at the angles of {where}: taken as none there"] = None
+            untold[f"{entry.effect} of {part} was not learned at the angles of {where}: taken as zero there"] = None
     if lacking:
         raise _together(lacking)
     return local_changes(parameters, values), tuple(untold)
@@ -131,8 +131,8 @@ def _lacking(
     """Return the error for an effect that needs more; no time helps one that was learned by the order of rows."""
     if [*headings] != ["time_s"] or not entry.learned or model.learned[entry.learned].timed:
         return MissingConditionsError(entry.effect, headings, instead)
-    said = f"the model's effect '{entry.effect}' was learned in a campaign without times, so nobody knows"
-    return model.fault(f"{said} what it does elsewhere; take it out")
+    said = f"the model's effect '{entry.effect}' was learned in a campaign without times, so it is unknown"
+    return model.fault(f"{said} what it does elsewhere; remove it")
 
 
 def _sides_of(parameter: str, effect: Effect, entry: EffectEntry, rows: Conditions, campaign: Campaign) -> list[str]:
@@ -158,8 +158,8 @@ def changes_by_stack(
         local, untold = stack_of(model, campaign, nominal)
     except MissingConditionsError as problem:
         raise refusal(
-            f"{problem.problem}, and the campaign does not say it",
-            "add it to the campaign, or take the effect out of the model file",
+            f"{problem.problem}, and the campaign does not give it",
+            "add it to the campaign, or remove the effect from the model file",
         ) from problem
     return RowChanges.of(local, structure, len(campaign)), untold
 

@@ -70,7 +70,7 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
     Raises BadInputError if a heading is no condition of the robot, one is given twice, or a value is impossible.
     """
     if not hasattr(given, "items"):  # those of a data frame will do
-        said = "conditions are a mapping by a campaign's heading, such as {'payload_kg': 400}"
+        said = "conditions are a mapping by headings of a campaign, such as {'payload_kg': 400}"
         raise BadInputError(f"{said}, not a {type(given).__name__}")
     known = {heading: quantity for quantity in robot.condition_columns for heading in quantity.headings}
     found: dict[str, Any] = {}
@@ -80,7 +80,7 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
             stems = heading, heading.rpartition("_")[0]  # a unit may be missing, or wrong
             same = [f"'{name}'" for name, quantity in known.items() if quantity.name in stems]
             near = f"; did you mean {' or '.join(same)}?" if same else closest(heading, known)
-            raise BadInputError(f"'{heading}' is no condition of {robot.name}{near}")
+            raise BadInputError(f"'{heading}' is not a condition of {robot.name}{near}")
         quantity = known[heading]
         if quantity.name in found:
             raise BadInputError(f"'{heading}': the condition '{quantity.name}' is given twice; keep one")
@@ -116,7 +116,7 @@ def conditions_beside(path: Path, robot: RobotDefinition) -> dict[str, FloatArra
         if heading == "session":
             found[heading] = table.labels(index)
         elif heading in known:
-            empty = "the value is missing; a condition is told of every pose"
+            empty = "the value is missing; give the condition for every pose"
             found[heading] = table.numbers(index, empty=empty)
     return found
 
@@ -137,8 +137,8 @@ class RobotUnderConditions:
         lost = [entry.effect for entry in model.effects if not entry.placed and not entry.learned]
         if lost:
             raise model.fault(
-                f"the model's effect '{lost[0]}' does not say in which campaign it was learned, so nobody knows what "
-                "it does elsewhere; diagnose that campaign again"
+                f"the model's effect '{lost[0]}' does not say in which campaign it was learned, so it is unknown "
+                "what it does elsewhere; diagnose that campaign again"
             )
 
     def __repr__(self) -> str:
@@ -160,7 +160,7 @@ class RobotUnderConditions:
             raise BadInputError("nothing in the model depends on conditions: give none")
         robots, _ = self._at(drives, seen=False)
         known, own = all_effects(self.definition), (e.effect for e in self.robot.model.effects if not e.placed)
-        still = (f"{e} moves no robot: it is of the measuring device" for e in own if not known[e].moves_robot)
+        still = (f"{e} does not move the robot, only what is measured" for e in own if not known[e].moves_robot)
         self.notes = (*self.notes, *still)
         return robots
 
@@ -248,8 +248,8 @@ class RobotUnderConditions:
         own, end = paths[loops.base_frame], paths[str(loops.end_frame)]
         through = any((above.name in first) != (above.name in second) for first, second in ((own, end), *pairs))
         if own in itertools.chain(*pairs) or (through and above.type == pin.FrameType.JOINT):
-            problem = f"the base moves, but chains end on base_frame '{loops.base_frame}' without a joint that could"
-            mend = "in the URDF fix a link of its own to it, and name that as base_frame"
+            problem = f"the base moves, but chains end on base_frame '{loops.base_frame}' without a joint that can"
+            mend = "in the URDF fix a separate link to it, and name that link as base_frame"
             raise DescriptionError(self.definition.path, f"{problem}; {mend}")
         carried = dict[str, pin.SE3]()
         for joint, (link, at) in standing(self.definition).items():
@@ -269,7 +269,7 @@ class RobotUnderConditions:
                 far = float(values[np.argmax(np.maximum(low - values, values - high))])
                 if max(low - far, far - high) > _SAME * (high - low):
                     over = f"{low:.6g} to {high:.6g}, over" if low < high else f"{low:.6g}, at"
-                    lines[heading] = f"{heading} {far:.6g} lies beyond {over} which effects were learned"
+                    lines[heading] = f"{heading} {far:.6g} lies outside {over} which effects were learned"
         return lines
 
     def _far_out(self, drives: FloatArray, beyond: Mapping[str, str]) -> str:
@@ -319,7 +319,7 @@ def robots_under(model: Robot | RobotModel | Path | str, commands: Sequence[Comm
 
 
 def _drives(robot: Robot, commands: Iterable[Command]) -> FloatArray:
-    expect(commands, Iterable, "commands are several: a list of poses, or of drive values")
+    expect(commands, Iterable, "commands must be a list of poses or of drive values")
     return robot.commands_of([robot.drives_of(command) for command in commands])
 
 

@@ -156,7 +156,11 @@ def judge(
     if not causes and (found.scatters or not reasons):
         small = workmanship_causes(given.hypothesis if found.scatters else hypothesis, thresholds)
         causes = tuple(cause for cause in small if cause.effect in hypothesis.problem.known)
-        reasons += [f"workmanship like {c.effect} is there, which may not be named" for c in small if c not in causes]
+        reasons += [
+            f"workmanship of the kind {c.effect} is present, but excluded from being named"
+            for c in small
+            if c not in causes
+        ]
     verdict = _verdict(causes, reasons)
     if verdict == "unknown" and not found.scatters:
         size = min(_unknown_size(discrepancy, found, rest), hypothesis.problem.given_size)  # others cancel any excess
@@ -280,19 +284,19 @@ def _added(hypothesis: Hypothesis, indices: Sequence[int]) -> float:
 
 
 def _reasons(hypothesis: Hypothesis, found: Judgement) -> list[str]:
-    reasons = ["what is left scatters from row to row, like a larger noise"] if found.scatters else []
+    reasons = ["the residuals scatter from row to row, like a larger noise"] if found.scatters else []
     reasons += [
-        f"what is left depends on something no effect explains: {clear.process.words} "
-        f"({clear.size:.2f} of the noise, log evidence {clear.evidence:.0f})"
+        f"the residuals depend on something that no effect explains: {clear.process.words} "
+        f"({clear.size:.2f} times the noise, log evidence {clear.evidence:.0f})"
         for clear in found.clear_structures[:1]
     ]
     reasons += [
-        f"'{better.process.words}' explains better than {effect}, by {better.margin:.0f} nats in its place"
+        f"'{better.process.words}' explains the data better than {effect}, by {better.margin:.0f} nats"
         for effect, better in found.beaten.items()
     ]
     loose = hypothesis.unnamed
     if not found.causes and loose and _worth_saying(hypothesis, loose, found.thresholds):
-        reasons.append("the gap looks like what the load makes of soft joints, and nothing else is found")
+        reasons.append("the gap looks like soft joints that yield under the load, and nothing else is found")
     return reasons
 
 

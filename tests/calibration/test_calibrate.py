@@ -124,7 +124,7 @@ def test_effects_that_nobody_learned_in_some_rows_are_told(clean):
     model = RobotModel(effects=[effect], learned={"campaign": seen})
     (told,) = calibrate(clean.campaign, model, CalibrationOptions(parameters=("drives",), choose=False)).untold
     assert re.fullmatch(
-        r"tilt_encoder_eccentricity of .* was not learned at the angles of \d+ of 60 rows: taken as none there", told
+        r"tilt_encoder_eccentricity of .* was not learned at the angles of \d+ of 60 rows: taken as zero there", told
     )
 
 

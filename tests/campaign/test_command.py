@@ -45,7 +45,7 @@ def test_says_of_conditions_what_path_says(tmp_path, capsys, load):
     for command in (["path"], ["campaign", "simulate", *out, "--plan"]):
         assert main([*command, str(plan), *model]) == 0
         told.append([line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")])
-    beyond = ["note: payload_kg 4000 lies beyond 143.3 to 510, over which effects were learned"]
+    beyond = ["note: payload_kg 4000 lies outside 143.3 to 510, over which effects were learned"]
     assert told[1] == told[0] == (beyond if load == "4000" else [])
 
 

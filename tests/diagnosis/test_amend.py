@@ -56,8 +56,8 @@ def test_a_minor_drift_is_of_these_rows_and_not_of_the_robot(tmp_path, monkeypat
     assert found.train.position("after") > 1.5 * found.train.position("floor")
     told = [line for line in note_lines(found) if "base_drift" in line]
     assert told == [
-        "left out of the model, as they add too little or what a larger cause does if its size varies, and go by this "
-        "campaign's own time or sessions: base_drift"
+        "left out of the model, as they add too little, or only what a larger cause does if its size varies, and "
+        "depend on this campaign's own time or sessions: base_drift"
     ]
 
 

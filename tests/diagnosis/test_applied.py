@@ -167,7 +167,7 @@ def test_a_virtual_tracker_has_the_scale_of_its_model(tmp_path, capsys, form, pa
         out, model = tmp_path / f"by_{name}.csv", tmp_path / f"{name}.yaml"
         wanted = ["campaign", "simulate", "--random", "8", "--model", str(model), "--out", str(out)]
         assert main([*wanted, *exact]) == 0
-        assert "moves no robot" not in capsys.readouterr().out
+        assert "does not move the robot" not in capsys.readouterr().out
         measured.append(Campaign.read(out))
     scaled, true = measured
     scale = 1e-6 * (300.0 + by_air * (true.conditions["ambient"] - 20.0))

@@ -33,5 +33,5 @@ def test_lengths_are_placements_and_neither_something_unknown_nor_the_tracker(tm
         name, true_mm = f"joint{joint + 1}.t{'xyz'[axis]}", 1e3 * size * truth["effects"][0]["size"]
         assert told.value[name] == pytest.approx(true_mm, abs=4.0 * told["std"][name])
     # Along the forearm, about which joint 4 turns, the next joint's place does the same.
-    alike = "joint_placement: in these poses joint5.tx would do what joint4.tx does"
+    alike = "joint_placement: in these poses joint5.tx would have the same effect as joint4.tx"
     assert (alike in note_lines(found)) == (FORE in wrong)

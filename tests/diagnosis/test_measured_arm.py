@@ -32,7 +32,7 @@ def test_error_of_each_joints_own_angle_is_named_and_no_other_cause(tmp_path, mo
         for command, shown in commands(text):
             if "series_c.csv" in command:
                 assert_shown(shown, what_it_prints(command, capfd))
-    why_none = "no ladles.html: measured ladles are drawn of the pouring robot only"
+    why_none = "no ladles.html: measured ladles are drawn for the pouring robot only"
     for report in ("calibrated/report.html", "found/report.html"):
         assert not re.findall("ladle|pouring lip", Path(report).read_text().replace(why_none, "")), report
     found = json.loads(Path("found/diagnosis.json").read_text())

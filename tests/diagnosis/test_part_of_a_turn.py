@@ -27,7 +27,9 @@ base_frame: base
 end_frame: top
 drives: [{joint: azimuth}, {joint: elevation}]
 """
-SMOOTH = "in these poses a smooth error that returns with no turn, as of a part that bends, does the same: elevation"
+SMOOTH = (
+    "in these poses a smooth error that does not repeat with turns, as of a bending part, looks the same: elevation"
+)
 
 
 def found(folder, ends_deg, error):
@@ -81,4 +83,4 @@ def test_orders_stand_for_each_other_where_there_are_several(tmp_path):
     (effect,) = diagnosis.firm
     assert effect.cause.form == "turns"
     (told,) = left_open(diagnosis, effect)
-    assert told == "turned little, so that orders stand for each other: elevation 30°"
+    assert told == "turned too little to distinguish the orders: elevation 30°"

@@ -82,7 +82,7 @@ def test_the_page_is_whole_and_needs_no_other_file(hot, page):
     assert page.rstrip().endswith("</html>")
     assert not re.findall(r"(?:src|href)='(?!data:)", page)
     assert hot.headline in page.replace("&#x27;", "'")
-    assert "No probability is above 1 - 0.01, " in page, "what bounds it"
+    assert "No probability exceeds 1 - 0.01, " in page, "what bounds it"
     for tag in ("h2", "h3", "ul", "li", "table", "details", "figure"):
         assert page.count(f"<{tag}") == page.count(f"</{tag}>"), tag
 
@@ -124,7 +124,7 @@ def test_a_long_story_stands_in_lines_over_its_picture(hot):
 
 
 def test_measurements_stand_with_the_most_telling_first(hot, page):
-    table = re.search("Measurements that tell most.*?</table>", page, re.DOTALL)[0]
+    table = re.search("Most informative measurements.*?</table>", page, re.DOTALL)[0]
     rows = re.findall(r'<td class="l">next_(\d+)</td><td>([\d.]+)</td>.*?<td>(\d+)</td></tr>', table)
     nats = [float(cell) for _, cell, _ in rows]
     assert nats == sorted(nats, reverse=True) and len(nats) == len(hot.suggestion.measurements) > 0
@@ -170,7 +170,7 @@ def test_each_state_leaves_the_gap_that_the_report_tells(hot):
 
 
 def test_why_no_ladle_is_drawn_of_distances_alone_is_noted(hot):
-    campaign, said = hot.campaign, "no ladles.html: no row has a whole measured position"
+    campaign, said = hot.campaign, "no ladles.html: no row has a complete measured position"
     nowhere, away = np.full_like(campaign.position_m, np.nan), np.linalg.norm(campaign.position_m, axis=1)[:, None]
     wire = replace(campaign, position_m=nowhere, rotation_vector_rad=None, distance_m=away)
     assert [said in note_lines(found) for found in (hot, replace(hot, campaign=wire))] == [False, True]
@@ -224,7 +224,7 @@ def test_a_model_given_is_a_state_of_its_own(hot):
     assert np.median(given) < 0.2 * np.median(drawing)
     sigma = 1e3 * hot.noise.position_m
     assert np.sqrt(np.mean(given**2)) < 3.0 * np.sqrt(3.0) * sigma
-    assert ("noise of a coordinate", f"{sigma:.3g} mm") in scene.steps[0].caption
+    assert ("noise per coordinate", f"{sigma:.3g} mm") in scene.steps[0].caption
     quiet = _scene(hot.rows, seen_states(hot)[1:], {0: "quiet"})  # only noise is left: it is not drawn as a gap
     assert quiet.exaggeration * np.linalg.norm(quiet.arrows[0].vectors_m) < 0.03
 

@@ -60,7 +60,7 @@ def test_a_shift_without_a_turn_is_the_device_that_stands_elsewhere(found):
     # Of a mean of 15 rows from one of 45, and hardly more by the frames; what all share is in no width.
     np.testing.assert_allclose([p.std for p in told], SIGMA_MM * np.sqrt(1 / 15 - 1 / 45), rtol=0.1)
     np.testing.assert_allclose([p.value for p in told], (moved - moved.mean(axis=0)).ravel(), atol=4 * told[0].std)
-    said = "what session_offset is in session d, which is held out, no other session tells"
+    said = "no other session shows what session_offset is in session d, which is held out"
     assert any(line.startswith(said) for line in note_lines(found))
 
 
@@ -90,11 +90,11 @@ def test_a_start_that_other_rows_cannot_hold_is_none(found):
 def test_held_out_by_region_the_gap_closes(campaign):
     found = diagnose(campaign, RobotModel.for_robot(ARM), DiagnosisOptions(hold_out="region"))
     assert found.held_out.position("after") < 1.5e-3 * SIGMA_MM
-    assert not any("no other session tells" in line for line in note_lines(found))
+    assert not any("no other session shows" in line for line in note_lines(found))
 
 
 def test_what_crept_in_rows_without_times_is_for_no_other_command(tmp_path):
     without = hidden(tmp_path, (Wanted("base_drift", 6.0, "a"),), rows=45).with_conditions(time=None)
     found = diagnose(without)
     assert [effect.cause.effect for effect in found.effects] == ["base_drift"]
-    assert any(line.startswith("without times nobody knows what base_drift does") for line in note_lines(found))
+    assert any(line.startswith("without times it is unknown what base_drift does") for line in note_lines(found))

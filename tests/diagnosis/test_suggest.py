@@ -56,8 +56,8 @@ def test_what_varies_within_a_turn_of_the_screw_is_told_apart_as_that(tmp_path):
     """Asked at the scale at which it was found: at the longest it would explain next to nothing."""
     turning = campaign(tmp_path, (Wanted("drive_cyclic", 5.0, "a"),), rows=60)
     found = diagnose(turning, None, DiagnosisOptions(exclude="drive_cyclic"))
-    (described,) = {s.process.name for s in found.judgement.structures[:1]}
-    assert described.endswith("by own length")
+    (described,) = {s.process.words for s in found.judgement.structures[:1]}
+    assert described.endswith("depending on own length")
     assert described in {name for s in found.suggestion.separations for name in (s.first, s.second)}
 
 
@@ -220,7 +220,9 @@ def test_no_suggestion_says_of_nothing_that_no_pose_tells_it(confounded, four):
     none = suggest_measurements(confounded, count=0)
     assert (none.measurements, none.separations, none.failed) == ((), (), "")
     for count in (-1, 1.5, "3"):
-        with pytest.raises(BadInputError, match="how many measurements to suggest is a whole number from 0 on, not"):
+        with pytest.raises(
+            BadInputError, match="the number of measurements to suggest is a whole number from 0 on, not"
+        ):
             suggest_measurements(confounded, count)
 
 
@@ -262,7 +264,7 @@ def test_what_weight_cannot_do_to_upright_axes_is_not_advised_to_be_weighed(tmp_
     write(tmp_path, MACHINES["five_bar"], seed=3, effect="null")
     model = RobotModel.for_robot(ROOT / "examples" / "robots" / "five_bar" / "robot.yaml")
     found = diagnose(Campaign.read(tmp_path / "campaign.csv", model.definition).subset(np.arange(40)), model)
-    hidden = [line for line in next_lines(found) if line.startswith("could be there and not show: ")]
+    hidden = [line for line in next_lines(found) if line.startswith("could be present but hidden: ")]
     assert hidden and not any("drive_compliance" in line or "empty and full" in line for line in hidden)
 
 
@@ -302,7 +304,7 @@ def test_words_name_what_the_campaign_held_still(confounded):
     assert "hours later" in separating_words("base_drift", "metrology_scale", effects, conditions)
     by_pose = "joint_centre_offset", "joint_axis_tilt"
     assert "workspace" in separating_words(*by_pose, effects, conditions)
-    assert separating_words(*by_pose, effects, conditions, tells=False).startswith("no pose tells them apart")
+    assert separating_words(*by_pose, effects, conditions, tells=False).startswith("no pose distinguishes them")
     assert "hours later" in separating_words("base_drift", "metrology_scale", effects, conditions, tells=False)
 
 

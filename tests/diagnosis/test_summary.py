@@ -146,8 +146,8 @@ def test_a_model_that_turns_worse_is_not_to_be_used(hot):
 @pytest.mark.parametrize(
     ("kept", "said"),
     [
-        (slice(3, 6), "Held-out rows (no position measured): {:.3f} mrad RMS a component"),
-        (slice(0, 3), "Held-out rows (no rotation measured): {:.3f} mm RMS a coordinate"),
+        (slice(3, 6), "Held-out rows (no position measured): {:.3f} mrad RMS per component"),
+        (slice(0, 3), "Held-out rows (no rotation measured): {:.3f} mm RMS per coordinate"),
     ],
 )
 @pytest.mark.parametrize("refused", ["", "no credible robot"])
@@ -188,10 +188,10 @@ def test_as_many_forms_are_named_as_there_are():
 
 
 def test_a_near_miss_is_said_where_nothing_is_named(nothing, monkeypatch):
-    assert not [line for line in next_lines(nothing) if line.startswith("not sure enough")]
+    assert not [line for line in next_lines(nothing) if line.startswith("not certain enough")]
     monkeypatch.setattr(Findings, "spare", {"drive_scale": 3.2, "base_drift": 2.9})
-    (said,) = [line for line in next_lines(nothing) if line.startswith("not sure enough")]
-    assert said == "not sure enough to be named: drive_scale (+3.2 nats); it takes 4.6, so measure more rows"
+    (said,) = [line for line in next_lines(nothing) if line.startswith("not certain enough")]
+    assert said == "not certain enough to be named: drive_scale (+3.2 nats); 4.6 are needed, so measure more rows"
 
 
 def test_no_gap_names_nothing(nothing):
@@ -206,7 +206,7 @@ def test_causes_do_in_the_robot_what_they_were_found_for(hot):
     ended = hot.diagnoser._state(hot.after.parameters, hot.after.values, hot.after.frames)
     assert _unsettled(ended, hot.hypothesis, Thresholds()) == ""
     said = _unsettled(hot.diagnoser.at_rest(), hot.hypothesis, Thresholds())
-    assert "too large to be believed" in said
+    assert "too large to be credible" in said
     assert float(said.split(" times the noise")[0].split()[-1]) > 1.5
 
 
@@ -240,7 +240,7 @@ def test_a_group_says_what_looks_alike_and_what_would_tell(hot):
     judgement = replace(hot.judgement, verdict="group", causes=(cause,))
     group = replace(hot, effects=(replace(effect, cause=cause),), judgement=judgement)
     assert "leg_thermal_expansion or drive_scale" in group.headline
-    assert "look alike" in apart_lines(group)[0]
+    assert "have the same effect" in apart_lines(group)[0]
 
 
 @pytest.mark.parametrize(("found", "said"), [
@@ -253,9 +253,9 @@ def test_the_headline_tells_what_few_parts_of_the_rows_find(hot, found, said):
     turned = replace(hot, in_turn=turns)
     headline = turned.headline
     assert ["how sure a cause is" in html_report(one, [("", "")]) for one in (hot, turned)] == [False, True]
-    seldom = f"% sure: found in {found.get('leg_thermal_expansion', 0)} of 5 searches without a block)"
+    seldom = f"% sure: found in {found.get('leg_thermal_expansion', 0)} of 5 searches that leave out a block)"
     assert (seldom in headline) == said
-    assert ("without a block" in headline) == said
+    assert ("leave out a block" in headline) == said
     (cause,) = hot.judgement.causes
     share = (found.get("leg_thermal_expansion", 0) + 1) / 7
     assert turns.tempered(cause).probability == (share if said else cause.probability)
@@ -277,7 +277,7 @@ def test_measurements_that_tell_nothing_are_not_listed(hot):
         listed.append((next_lines(group), apart_lines(group)))
     assert any("1.0 nats expected" in line for line in listed[0][0])
     assert listed[1][0] == [
-        "none of the measurements that were tried would tell leg_thermal_expansion from drive_scale"
+        "none of the measurements that were tried would distinguish leg_thermal_expansion from drive_scale"
     ]
     assert [len(lines) for _, lines in listed] == [2, 1]
 
@@ -301,32 +301,32 @@ def test_a_single_session_is_no_missing_column(nothing):
     unnamed = replace(nothing.campaign, headings={})
     one = replace(unnamed, headings={"session": "session"})
     assert source_text(("session",), unnamed) == "add column session"
-    assert source_text(("session",), one).startswith("all rows are of one session; set base and device up anew")
+    assert source_text(("session",), one).startswith("all rows are of one session; set up base and device again")
 
 
 def test_an_unknown_may_be_what_could_not_be_tested(excluded):
-    line = "first what could not be tested, and may be it: truss_deflection"
+    line = "first make testable what may be the cause: truss_deflection"
     assert line in next_lines(replace(excluded, untestable={"truss_deflection": ("truss_span_m",)}))
-    assert not any("could not be tested" in one for one in next_lines(replace(excluded, untestable={})))
+    assert not any("make testable" in one for one in next_lines(replace(excluded, untestable={})))
 
 
 def test_what_goes_by_the_pose_may_be_weight_where_no_masses_are_known(diagnosed, hot):
     """A joint's first order in its own angle is also what the weight of the link behind it does to a soft drive."""
     untestable = {"joint_compliance": ("joint_moments",), "truss_deflection": ("truss_span_m",)}
     line = (
-        "first what could not be tested, and may be a part of what is named, as weight, too, goes by the pose: "
-        "joint_compliance"
+        "first make testable joint_compliance: weight, too, varies with the pose, and its effect may be part of what "
+        "is named"
     )
     zeros = diagnosed(ZEROS)
     assert line in next_lines(replace(zeros, untestable=untestable))
     for other in (zeros, replace(hot, untestable=untestable)):  # the masses are known; heat goes by thermometers
-        assert not any("could not be tested" in one for one in next_lines(other))
+        assert not any("make testable" in one for one in next_lines(other))
 
 
 def test_a_value_that_no_machine_has_is_told(hot):
     """Legs do not shrink when they are warm; what noise puts there, or the model had already, is not spoken of."""
     (effect,) = hot.effects
-    (main, *others), words = effect.parameters, "beyond what nature allows: expansion; something else is at work there"
+    (main, *others), words = effect.parameters, "physically impossible: expansion; something else acts there"
 
     def told(value, of=hot):
         shrunk = replace(effect, parameters=(replace(main, value=value), *others))
@@ -555,7 +555,7 @@ def test_a_noise_that_the_found_cause_comes_down_to_is_not_called_too_small(diag
 def test_workmanship_beside_a_cause_is_told_with_its_size(diagnosed):
     """The rig's centres are off by 15 um, its axes by 10 urad; sizes are found to a step of two."""
     (told,) = [line for line in note_lines(diagnosed(HOT, background=True)) if "workmanship" in line]
-    found = re.fullmatch(r"beside it .* by about (\S+) mm and (\S+) mrad \(standard deviation\)", told)
+    found = re.fullmatch(r"in addition, workmanship: .* by about (\S+) mm and (\S+) mrad \(standard deviation\)", told)
     assert 0.5 <= float(found[1]) / 0.015 <= 2.0
     assert 0.5 <= float(found[2]) / 0.010 <= 2.0
     assert not [line for line in note_lines(diagnosed(HOT)) if "workmanship" in line]
@@ -568,7 +568,9 @@ def test_a_headline_says_where_workmanship_makes_more_of_the_gap(tmp_path):
     made = make_campaign("single", 3, wanted=scale, workmanship=4.0, **about)
     told = diagnose(write_case(tmp_path, made) / "campaign.csv")
     assert told.headline.startswith("NAMED: the model lacks metrology_scale")
-    found = re.search(r"Workmanship makes more of the gap: all joints are off by about (\S+) mm and", told.headline)
+    found = re.search(
+        r"Workmanship accounts for more of the gap: all joints are off by about (\S+) mm and", told.headline
+    )
     assert 0.5 <= float(found[1]) / 0.060 <= 2.0
     assert not [line for line in note_lines(told) if "workmanship" in line]  # once is enough
 
@@ -582,9 +584,7 @@ def test_a_stated_noise_that_is_too_small_is_told_as_such(nothing):
     assert left["position_mm"] == pytest.approx(1e3 * noise, rel=0.15)
     assert left["rotation_mrad"] == pytest.approx(1e3 * data.metadata.sigma_rotation_rad, rel=0.15)
     sizes = f"{left['position_mm']:.2g} mm and {left['rotation_mrad']:.2g} mrad"
-    said = (
-        f"what is left scatters from row to row, like a noise of {sizes} in place of the stated {500.0 * noise:.2g} mm"
-    )
+    said = f"the residuals scatter from row to row, like noise of {sizes} instead of the stated {500.0 * noise:.2g} mm"
     assert found.headline.startswith(f"UNKNOWN: {said}")
     assert any(line.startswith("measure some poses three times") for line in next_lines(found))
     assert diagnosis_metrics(nothing, "model.yaml")["noise_left"] is None
@@ -610,8 +610,8 @@ def test_a_noise_that_is_too_small_of_one_kind_is_told_as_that(kind, key, unit):
         assert not [line for line in said if "scatters" in line]
         return
     times = re.match(
-        rf"UNKNOWN: what is left scatters from row to row, like a noise of the {kind}s (\S+) times as large: "
-        rf"(\S+) {unit} in place of the stated 0\.01 {unit}\. Found beside it: joint_centre_offset\.$",
+        rf"UNKNOWN: the residuals scatter from row to row, like noise of the {kind}s (\S+) times as large: "
+        rf"(\S+) {unit} instead of the stated 0\.01 {unit}\. Also found: joint_centre_offset\.$",
         found.headline,
     )
     assert [float(one) for one in times.groups()] == pytest.approx([5.0, 0.05], rel=0.15)
@@ -627,7 +627,7 @@ def test_what_a_larger_noise_leaves_clear_is_no_noise(tmp_path):
     assert found.judgement.verdict == "unknown"
     assert found.noise_left is None
     assert found.judgement.reasons[0].startswith(
-        "what is left depends on something no effect explains: readings by pose"
+        "the residuals depend on something that no effect explains: readings depending on pose"
     )
 
 
@@ -635,8 +635,8 @@ def test_joints_are_named_beside_a_noise_that_is_stated_too_small():
     """Errors of many joints, 0.05 mm of noise, 0.02 mm stated: the model must not stay as it was."""
     data = measure(PouringRobot.load(ACTUAL), count=60, seed=3).campaign
     found = diagnose(replace(data, metadata=data.metadata.model_copy(update={"sigma_position_m": 2e-5})))
-    assert found.headline.startswith("UNKNOWN: what is left scatters from row to row, like a noise of")
-    assert found.headline.endswith("Found beside it: joint_centre_offset.")
+    assert found.headline.startswith("UNKNOWN: the residuals scatter from row to row, like noise of")
+    assert found.headline.endswith("Also found: joint_centre_offset.")
     assert found.held_out.closed > 0.9  # of 0.97, as the floor is the stated noise
 
 

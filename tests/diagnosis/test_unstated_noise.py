@@ -38,7 +38,7 @@ def test_what_few_repeats_say_too_small_by_chance_is_no_gap(drawing, gap_m, verd
         assert found.noise.dof > 100.0
     else:
         assert found.noise.dof == 12.0
-        assert "in place of what repeats tell, 0.03 mm" in found.headline
+        assert "instead of 0.03 mm by the repeats" in found.headline
 
 
 def test_noise_that_nobody_states_is_found_whatever_the_first_guess():
@@ -75,7 +75,7 @@ def test_a_wave_in_time_is_no_noise(drawing):
     period = found.remainder[0].by.removeprefix(f"{CYCLES} of ").removesuffix(" min")
     least, most = map(float, period.split(" to "))
     assert least * 60.0 <= period_s <= most * 60.0
-    assert any("Comes and goes with time" in finding.sentence for finding in found.where.findings)
+    assert any("Cycles with time" in finding.sentence for finding in found.where.findings)
 
 
 def test_of_each_kind_what_was_spent_on_it_is_taken_off():

@@ -132,7 +132,7 @@ def test_load_is_named_though_time_and_temperatures_went_along():
     assert item.size == pytest.approx(4e-4 * load.std(), rel=0.1)
     assert "Grows with load from " in item.sentence
     assert ": y by 0." in item.sentence
-    assert "time" in item.sentence.partition("; with ")[2]
+    assert "time" in item.sentence.partition("; by no more than ")[2]
     components = [f.component for f in where.findings if f.what == "component"]
     assert components == ["y"]
 
@@ -180,7 +180,7 @@ def test_what_went_along_exactly_is_named_as_a_rival():
     where = disagreements(seen(rng, given, moved(given, 2, 5e-4 * given.passed)), given, 0.01)
     (item,) = [f for f in where.findings if f.what == "condition"]
     assert {item.condition, *item.rivals} >= {"time", "truss travel"}
-    assert "went along" in item.sentence
+    assert "varied with it" in item.sentence
     assert set(item.figures()["or"]) == set(item.rivals)
 
 
@@ -224,7 +224,7 @@ def test_waves_of_two_periods_are_told_apart(slower, unit, unit_s):
     found = [f.sentence for f in disagreements(seen(rng, given, error), given, 0.01).findings if f.what == "condition"]
     assert [one.split(":")[1].split()[0] for one in found] == ["x", "z"]
     for cycles, one in zip((4.0, 13.0), found, strict=True):
-        periods = one.removeprefix("Comes and goes with time, once in ").split(f" {unit}:")[0]
+        periods = one.removeprefix("Cycles with time, once in ").split(f" {unit}:")[0]
         least, most = map(float, periods.split(" to "))
         assert least <= np.ptp(given.time_s) / unit_s / cycles <= most
 
@@ -268,7 +268,7 @@ def test_absent_and_constant_conditions(full):
     constant = dataclasses.replace(given, weight_n=np.full(len(given), 5000.0), rises=rises)
     *found, last = disagreements(data, constant, 0.01).sentences
     assert "load, melt temperature" in last
-    bounded = " ".join(found).partition("; with ")[2]
+    bounded = " ".join(found).partition("; by no more than ")[2]
     assert "platform temperature" in bounded
     assert not any(word in bounded for word in ("melt", "load"))
     courses = {by for by, _ in _of_one_condition(constant)}
@@ -292,9 +292,9 @@ def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on(wrong, monkey
     assert conditions_found(where) == ["truss travel"]
     size = next(f.size for f in where.findings if f.what == "condition")
     assert size == pytest.approx(5e-4 * np.sin(given.travels["truss_travel"]).std(), rel=0.15)
-    assert not any("still changed" in note for note in where.notes)
+    assert not any("did not settle" in note for note in where.notes)
     monkeypatch.setattr("pouring_robot.diagnosis.where.dependence._NOISE_ROUNDS", 1)
-    assert any("still changed" in note for note in disagreements(guessed, given, 0.01).notes)
+    assert any("did not settle" in note for note in disagreements(guessed, given, 0.01).notes)
 
 
 def test_each_kind_of_reading_has_its_own_noise():
@@ -358,7 +358,7 @@ def test_nothing_beyond_the_frames_is_refused():
     kept = data.residual[first], data.row[first], data.component[first], data.sigma[first]
     with pytest.raises(BadInputError, match="12 measured values"):
         FreeResiduals(*kept, Nuisance(np.eye(12)), data.axes, data.drives)
-    with pytest.raises(BadInputError, match="must all count"):
+    with pytest.raises(BadInputError, match="must each have"):
         dataclasses.replace(data, row=data.row[1:])
 
 

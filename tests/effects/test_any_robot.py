@@ -214,7 +214,7 @@ def test_tilts_that_may_be_zeros_of_the_joint_before_turn_the_flange_alike():
     assert found == {f"{t.joint}.tilt_{axis}": joint for t in tilts for axis, joint in t.zeros.items()}
     assert len(found) == 4
     said = as_zeros_text(["joint1.tilt_x", "joint2.tilt_z"], tilts)
-    assert said.endswith("would: joint2.tilt z as joint1's")
+    assert said.endswith("joint before: joint2.tilt z (zero of joint1)")
     assert not as_zeros_text(["joint1.tilt_x"], tilts)
 
 
@@ -325,8 +325,8 @@ def test_orders_of_a_joint_are_said_together():
 
 
 @pytest.mark.parametrize(("known_to", "lead", "more"), [
-    (1.0, "+98 ± 12 ppm off at zero, +40 ± 24 ppm more a metre", "5.000490 ± 0.000059 mm a turn"),
-    (10.0, "+0.010 ± 0.012 % off at zero, +0.004 ± 0.024 % more a metre", "5.00049 ± 0.00059 mm a turn"),
+    (1.0, "+98 ± 12 ppm at zero, +40 ± 24 ppm more per metre", "5.000490 ± 0.000059 mm per turn"),
+    (10.0, "+0.010 ± 0.012 % at zero, +0.004 ± 0.024 % more per metre", "5.00049 ± 0.00059 mm per turn"),
 ])  # fmt: skip
 def test_a_lead_has_the_digits_its_interval_deserves(known_to, lead, more):
     drive = RobotModel.for_robot(ROOT / "examples" / "robots" / "hexapod" / "robot.yaml").definition.drives[0]
@@ -335,10 +335,10 @@ def test_a_lead_has_the_digits_its_interval_deserves(known_to, lead, more):
     (said,) = DriveScale(
         "drive_scale", "", (drive, replace(drive, joint="other", symbol="other")), build_up=True
     ).in_words(values, stds)
-    assert said == f"{drive.words}: its lead is {lead} (95 %)"
+    assert said == f"{drive.words}: lead error {lead} (95 %)"
     by_motor = replace(drive, command="angle", factor=0.005 / (2.0 * np.pi))
     (said,) = DriveScale("drive_scale", "", (by_motor,), build_up=True).in_words(values, stds)
-    assert said.startswith(f"{drive.words}: its lead is {lead}, or {more}, ")
+    assert said.startswith(f"{drive.words}: lead error {lead}; that is {more}, ")
 
 
 @pytest.mark.parametrize(
@@ -351,12 +351,12 @@ def test_a_ratio_is_told_as_a_share(share, std, said):
     name = f"{drive.symbol}_scale"
     ratio, told = (
         Ratio("drive_scale", "", (drive, other)),
-        f"{drive.words}: it turns {said} further than its command says",
+        f"{drive.words}: it turns {said} further than commanded",
     )
     assert ratio.in_words({name: share}, {name: std}) == (f"{told} (95 %)",)
     home = {f"{drive.symbol}_home": 10.0}  # a drive that was homed wrong is off by more than its ratio makes
     (line,) = ratio.in_words({name: share, **home}, {name: std, **dict.fromkeys(home, 0.5)})
-    assert line == f"{told}, and is +10.00 ± 0.98 mrad off where its count is zero (95 %)"
+    assert line == f"{told}, and is +10.00 ± 0.98 mrad off at count zero (95 %)"
 
 
 def yields(folder, efforts):

@@ -145,12 +145,12 @@ def test_a_package_on_the_path_is_found(package):
         ("Good", "class Good(", "cannot be loaded"),
         ("Unfinished", MODULE, "cannot be loaded"),
         ("Broken", MODULE, "cannot be loaded: the table of bolts is empty"),
-        ("no_effect", MODULE, "is no subclass of Effect"),
+        ("no_effect", MODULE, "is not a subclass of Effect"),
         ("Nameless", MODULE, "has no id"),
-        ("Astray", MODULE, "driven by 'lengths', which is no condition; did you mean 'lengths_m'?"),
-        ("Needy", MODULE, "needs 'payload_kg', which is no condition"),
-        ("Needy", MODULE, "if it is not for the robot 'pouring_robot', let its `robots` name those it is for"),
-        ("Shaped", MODULE, "is shaped by 'weigth_n', which is no condition; did you mean 'weight_n'?"),
+        ("Astray", MODULE, "driven by 'lengths', which is not a condition; did you mean 'lengths_m'?"),
+        ("Needy", MODULE, "needs 'payload_kg', which is not a condition"),
+        ("Needy", MODULE, "if it is not for the robot 'pouring_robot', list the robots it is for in its `robots`"),
+        ("Shaped", MODULE, "is shaped by 'weigth_n', which is not a condition; did you mean 'weight_n'?"),
         ("Lone", MODULE, "write robots = ('arm',)"),
         ("Bare", MODULE, "write needs = ('weight_n',)"),
         ("BareShape", MODULE, "write shaped_by = ('weight_n',)"),
@@ -190,7 +190,7 @@ def test_unknown_effect_to_leave_out():
     with pytest.raises(BadInputError, match=r"no effect 'drive_scales'; did you mean 'drive_scale'\?"):
         chosen_effects(exclude=("drive_scales",))
     for given in (None, 3, [3]):
-        with pytest.raises(BadInputError, match="an effect is left out by its name, not a "):
+        with pytest.raises(BadInputError, match="an effect is excluded by its name, not a "):
             chosen_effects(exclude=given)
 
 

@@ -164,7 +164,7 @@ def test_library_passes_the_look_at_what_it_changes(bench, effect):
     ("changes", "prior_std", "said"),
     [
         ({"drive.leg4_s3": np.zeros(70)}, 1.0, "changes 'drive.leg4_s3', which the robot does not have; did you mean"),
-        ({"drive.lift": np.zeros(70)}, 1.0, "if it is not for the robot 'pouring_robot', let its `robots` name those"),
+        ({"drive.lift": np.zeros(70)}, 1.0, "if it is not for the robot 'pouring_robot', list the robots it is for"),
         ({"base.tx": np.zeros(69)}, 1.0, "must change 'base.tx' by one finite number for each row"),
         ({"base.tx": np.float64(1.0)}, 1.0, "must change 'base.tx' by one finite number for each row"),
         ({"base.tx": np.full(70, np.nan)}, 1.0, "must change 'base.tx' by one finite number for each row"),
@@ -185,7 +185,7 @@ def test_what_a_users_effect_does_wrong_is_said_on_one_line(bench, changes, prio
 def test_bounds_the_wrong_way_round_are_refused(bench):
     effect = Users({"base.tx": np.zeros(70)})
     effect.parameter = EffectParameter("one", "mm", 1.0, {"base.tx": np.zeros(70)}, bounds=(1.0, -1.0))
-    with pytest.raises(BadInputError, match=r"parameter 'one' needs bounds of which the first is the lower, not \(1"):
+    with pytest.raises(BadInputError, match=r"parameter 'one' needs bounds with the lower one first, not \(1"):
         Library.of(bench.rows, {"users_own": effect})
 
 
@@ -199,13 +199,13 @@ def test_lists_and_truths_change_rows_as_floats_do(bench, side):
 
 def test_parameters_of_one_name_are_refused(bench):
     """A model file holds values by name: the one would take the other's place."""
-    with pytest.raises(BadInputError, match="form 'only' needs parameters of different names"):
+    with pytest.raises(BadInputError, match="form 'only' needs parameters with different names"):
         Library.of(bench.rows, {"users_own": Namesakes({"base.tx": np.zeros(70)})})
 
 
 def test_users_effect_that_fails(bench):
     with pytest.raises(
-        BadInputError, match=r"the effect 'users_own' fails .*: KeyError: .*; mend its class or"
+        BadInputError, match=r"the effect 'users_own' fails .*: KeyError: .*; correct its class or"
     ) as problem:
         Library.of(bench.rows, {"users_own": Failing({})})
     assert "\n" not in str(problem.value)
@@ -234,5 +234,5 @@ class Double(Users):
 @pytest.mark.parametrize("kind", [Formless, Empty, ShapesOnly, Double])
 def test_forms_are_some_of_different_names_with_parameters(bench, kind):
     effect = kind({"drive.leg1_s3": np.ones(len(bench.rows))})
-    with pytest.raises(BadInputError, match="'users_own' needs forms of different names, each with a parameter"):
+    with pytest.raises(BadInputError, match="'users_own' needs forms with different names, each with a main parameter"):
         checked_forms(effect, bench.rows.conditions, bench.rows.channels)

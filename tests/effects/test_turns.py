@@ -117,10 +117,10 @@ def test_where_it_is_taken_as_none_is_said():
     offsets, notes = seen_by(model, np.array([0.5, 2.0, 3.0]))
     assert (offsets != 0.0).tolist() == [True, False, False]
     assert notes == (
-        f"joint_periodic of {JOINT.words} was not learned at the angles of 2 of 3 rows: taken as none there",
+        f"joint_periodic of {JOINT.words} was not learned at the angles of 2 of 3 rows: taken as zero there",
     )
     assert seen_by(model, np.array([0.5]))[1] == ()
-    assert seen_by(model, np.array([2.0]))[1][0].endswith("at the angles of this pose: taken as none there")
+    assert seen_by(model, np.array([2.0]))[1][0].endswith("at the angles of this pose: taken as zero there")
 
 
 def test_of_a_file_that_does_not_say_it_holds_everywhere():

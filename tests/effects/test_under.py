@@ -189,7 +189,7 @@ def test_a_base_on_which_chains_end_needs_a_link_of_its_own_to_move(tmp_path, ba
     (tmp_path / "four_bar.urdf").write_text(f'<robot name="four_bar">{parts}</robot>', encoding="utf-8")
     path.write_text(FOUR_BAR_FILE.format(base, end), encoding="utf-8")
     if base != "ground":
-        with pytest.raises(DescriptionError, match=f"chains end on base_frame '{base}' without a joint that could"):
+        with pytest.raises(DescriptionError, match=f"chains end on base_frame '{base}' without a joint that can"):
             moved_base(RobotModel.for_robot(path))
     path.write_text(FOUR_BAR_FILE.format("seen", end), encoding="utf-8")
     np.testing.assert_allclose(*moved_base(RobotModel.for_robot(path)), atol=1e-9)
@@ -215,7 +215,7 @@ def test_the_measuring_device_moves_no_robot(bench):
     under = RobotUnderConditions(robot_of(model), {})
     (standing,) = under.robots(bench.campaign.drives[:1])
     assert standing.model.joint_placements == {}
-    assert under.notes == ("metrology_scale moves no robot: it is of the measuring device",)
+    assert under.notes == ("metrology_scale does not move the robot, only what is measured",)
 
 
 def test_a_device_that_is_wrong_sees_the_robots_by_its_scale(bench, rng):
@@ -227,7 +227,7 @@ def test_a_device_that_is_wrong_sees_the_robots_by_its_scale(bench, rng):
     drives, given = bench.campaign.drives[:3], {"time_s": [3e3, 4e3, 5e3], "session": bench.campaign.sessions[0]}
     under = RobotUnderConditions(model, given | {"ambient_degC": [18.0, 21.0, 30.0]})
     robots, scale = under.seen(drives)
-    assert not [note for note in under.notes if "moves no robot" in note]
+    assert not [note for note in under.notes if "does not move the robot" in note]
     assert [robot.model for robot in robots] == [robot.model for robot in under.robots(drives)]
     mean = np.mean(bench.campaign.conditions["ambient"])
     np.testing.assert_allclose(scale, 20e-6 * (np.array([18.0, 21.0, 30.0]) - mean), rtol=1e-9)
@@ -338,10 +338,10 @@ def test_another_session_has_no_homing_of_its_own(bench, rng):
     [
         (
             {"ambient_C": 30.0},
-            "'ambient_C' is no condition of pouring_robot; did you mean 'ambient_degC' or 'ambient_K'?",
+            "'ambient_C' is not a condition of pouring_robot; did you mean 'ambient_degC' or 'ambient_K'?",
         ),
-        ({"leg1_degK": 40.0}, "'leg1_degK' is no condition of pouring_robot; did you mean 'leg1_degC' or 'leg1_K'?"),
-        ({"leg1": 200.0}, "'leg1' is no condition of pouring_robot; did you mean 'leg1_degC' or 'leg1_K'?"),
+        ({"leg1_degK": 40.0}, "'leg1_degK' is not a condition of pouring_robot; did you mean 'leg1_degC' or 'leg1_K'?"),
+        ({"leg1": 200.0}, "'leg1' is not a condition of pouring_robot; did you mean 'leg1_degC' or 'leg1_K'?"),
         ({"time_s": 1.0, "time_min": 1.0}, "'time_min': the condition 'time' is given twice"),
         ({"leg1_degC": [20.0, 1e300]}, "leg1_degC of command 2: 1e+300 degC is hotter than any melt"),
         ({"time_s": "noon"}, "time_s: give a finite number for every command, not noon"),
@@ -380,7 +380,7 @@ def test_what_was_learned_without_times_is_refused_elsewhere(bench):
     drift = {"tx": ParameterEntry(value=0.3, unit="mm")}
     model = model_with(rows, EffectEntry(effect="base_drift", form="steady", learned="bench", parameters=drift))
     for given in ({"time_s": 10.0}, {}):
-        with pytest.raises(BadInputError, match="learned in a campaign without times, so nobody knows"):
+        with pytest.raises(BadInputError, match="learned in a campaign without times, so it is unknown"):
             robots_under(model, [bench.campaign.drives[0]], given)
     again = predicted(rows_of(rows.campaign, model))
     assert np.ptp(again[:, 0, 3] - predicted(rows)[:, 0, 3]) == pytest.approx(0.3e-3, rel=1e-3)
@@ -404,7 +404,7 @@ def test_beyond_what_was_learned_is_said(bench):
     under.robots(bench.campaign.drives[:1])
     (line,) = under.notes
     last = bench.campaign.time_s.max()
-    assert line.startswith("time_s 3.6e+06 lies beyond ")
+    assert line.startswith("time_s 3.6e+06 lies outside ")
     assert f"{last:.6g}, over which effects were learned" in line
 
 
@@ -419,9 +419,11 @@ def test_what_lies_far_beyond_what_was_learned_is_named_where_it_makes_too_much(
             robots_under(model_with(rows, entry), [bench.campaign.drives[0]], {"time_h": 10000.0})
         said.append(str(problem.value))
     last = bench.campaign.time_s.max()
-    assert re.fullmatch(rf"time_s 3.6e\+07 lies beyond .* to {last:.6g}, over which .*; there '.* mm is no .*", said[0])
+    assert re.fullmatch(
+        rf"time_s 3.6e\+07 lies outside .* to {last:.6g}, over which .*; there '.* mm is no .*", said[0]
+    )
     assert "check the unit" not in said[0] and "measure there" in said[0] and "\n" not in said[0]
-    assert "check the unit" in said[1] and "lies beyond" not in said[1]
+    assert "check the unit" in said[1] and "lies outside" not in said[1]
 
 
 COMPENSATED = ("leg_compliance", "drive_cyclic", "base_drift", "tilt_encoder_eccentricity", "leg_thermal_expansion")
@@ -543,13 +545,13 @@ def test_commands_and_conditions_of_another_kind_are_refused_on_one_line():
     pose, given = PlatformPose((-0.1, 0.02, -0.6), 0.3), {"payload_kg": 400.0}
     under = RobotUnderConditions(LEARNED, given)
     for call, words in (
-        (lambda: robots_under(LEARNED, [pose], None), r"are a mapping by a campaign's heading, .* not a NoneType"),
-        (lambda: robots_under(LEARNED, [pose], ["payload_kg"]), "are a mapping by a campaign's heading"),
-        (lambda: robots_under(LEARNED, pose, given), "commands are several: .* not a PlatformPose"),
+        (lambda: robots_under(LEARNED, [pose], None), r"are a mapping by headings of a campaign, .* not a NoneType"),
+        (lambda: robots_under(LEARNED, [pose], ["payload_kg"]), "are a mapping by headings of a campaign"),
+        (lambda: robots_under(LEARNED, pose, given), "commands must be a list of .* not a PlatformPose"),
         (lambda: robots_under(RobotModel(), [pose], given), "nothing in the model depends on conditions: give none"),
         (lambda: under.robots([0.55, 0.55, 0.70, -0.09]), r"finite numbers of the shape \(n, 4\): leg1_s3"),
         (lambda: under.robots([[0.55, 0.55, 0.70]]), r"finite numbers of the shape \(n, 4\): leg1_s3"),
-        (lambda: compensate_under(under, pose, lambda k, robot: None), "commands are several"),
+        (lambda: compensate_under(under, pose, lambda k, robot: None), "commands must be a list of "),
         (lambda: compensate_under(LEARNED, [pose], lambda k, robot: None), "is a RobotUnderConditions"),
     ):
         with pytest.raises(BadInputError, match=words):
@@ -658,6 +660,6 @@ def test_a_load_beyond_none_is_said_where_a_campaign_had_none():
         under.robots(np.array([home]))
         return under.notes
 
-    beyond = ("payload_kg 20 lies beyond 0, at which effects were learned",)
+    beyond = ("payload_kg 20 lies outside 0, at which effects were learned",)
     for taught, given, said in ((model, {}, beyond), (both, {}, beyond), (waves, {}, ()), (measured, moments, ())):
         assert (notes(taught, 0.0, given), notes(taught, 20.0, given)) == ((), said)

@@ -72,8 +72,8 @@ def test_a_misfit_that_is_too_large_for_noise_is_no_calm(tmp_path):
     found = pouring_robot.diagnose(tmp_path / "samples.csv", model)
     assert found.noise["closure"].sigma > 0.2
     assert found.verdict == "unknown"
-    assert found.headline.startswith("UNKNOWN: what is left over is too large for noise: ")
-    assert "RMS a closure, where all errors within the tolerances make " in found.misfit
+    assert found.headline.startswith("UNKNOWN: the residuals are too large for noise: ")
+    assert "RMS per closure, where all errors within the tolerances make " in found.misfit
 
 
 def test_what_is_no_credible_robot_is_no_cause(monkeypatch, tmp_path):
@@ -89,7 +89,7 @@ def test_what_is_no_credible_robot_is_no_cause(monkeypatch, tmp_path):
     found = pouring_robot.diagnose(tmp_path / "samples.csv", model)
     assert (found.verdict, found.amended) == ("unknown", found.model)
     assert found.headline.startswith(
-        "UNKNOWN: what was found is no credible robot (the fit is not credible: anchor_b_X "
+        "UNKNOWN: what was found makes no credible robot (the fit is not credible: anchor_b_X "
     )
     assert "sure" not in found.headline
 
@@ -115,7 +115,7 @@ def test_it_says_that_the_rows_are_few_and_what_lines_cannot_tell(found):
     notes = "\n".join(note_lines(found))
     assert (found.campaign.redundant_drives, found.campaign.seen) == (1, "closures")
     assert "44 rows are few" in notes
-    assert "only in proportion" in notes
+    assert "only ratios of lengths" in notes
 
 
 def test_a_few_places_beside_the_lines_say_the_same_and_predict_better():
@@ -130,4 +130,4 @@ def test_a_few_places_beside_the_lines_say_the_same_and_predict_better():
     assert not np.isfinite(found.held_out.after[:closure]).any()
     assert found.train.counts[[0, 1, 2, closure]].tolist() == [9, 9, 1, 38]
     assert 1e3 * found.train.position("before") == pytest.approx(28.686, abs=0.01)
-    assert gap_sentence(found).startswith("Held-out rows (no position measured): 33.957 mm RMS a closure before, ")
+    assert gap_sentence(found).startswith("Held-out rows (no position measured): 33.957 mm RMS per closure before, ")

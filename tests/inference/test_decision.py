@@ -456,7 +456,7 @@ def test_clear_structure_makes_it_unknown_and_is_described():
     assert judged.verdict == "unknown"
     assert effects(judged) == ("a",)
     assert len(judged.reasons) == 1
-    assert "place by load (0.46 of the noise, log evidence 50)" in judged.reasons[0]
+    assert "place depending on load (0.46 times the noise, log evidence 50)" in judged.reasons[0]
     assert judged.structures == tuple(found)
     assert [one.part[0] for one in judged.remainder] == [0.4]
     least = pytest.approx(np.log(6 / 0.02))
@@ -530,7 +530,7 @@ def test_a_cause_that_a_process_beats_is_only_the_nearest():
     assert judged.challenges == (worse, better)
     assert judged.beaten == {"small": better}
     assert len(judged.reasons) == 1
-    assert judged.reasons[0] == "'place by load' explains better than small, by 30 nats in its place"
+    assert judged.reasons[0] == "'place depending on load' explains the data better than small, by 30 nats"
 
 
 def test_beside_something_unknown_a_cause_must_be_worth_more_than_a_description_in_its_place():
@@ -770,7 +770,7 @@ def test_small_errors_are_named_where_they_may_be():
     assert named.beaten == {}
     barred = judge(Hypothesis.nothing(problem(values, [replace(known, effect="b")], workmanship)), Left())
     assert (barred.verdict, barred.causes) == ("unknown", ())
-    assert barred.reasons == ("workmanship like small is there, which may not be named",)
+    assert barred.reasons == ("workmanship of the kind small is present, but excluded from being named",)
 
 
 def test_small_errors_are_not_named_beside_a_cause_or_a_reason():

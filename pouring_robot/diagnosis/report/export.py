@@ -77,7 +77,7 @@ def described(diagnosis: Conclusions) -> RobotModel:
         worse_sentence(diagnosis),
         headline(diagnosis),
         gap_sentence(diagnosis),
-        f"What is put down to {nearest} may be something unknown." if nearest and not diagnosis.refused else "",
+        f"What is attributed to {nearest} may be something unknown." if nearest and not diagnosis.refused else "",
         f"Diagnosed with {diagnosis.campaign.path.name}.",
         f"Before: {present}" if present else "",
     ]
@@ -122,7 +122,7 @@ def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
         "unknown_size_in_noise": judgement.unknown_size,
         "remainder": [item.figures() for item in diagnosis.remainder],
         "challenges": [
-            {"effect": cause.effect, "description": found.process.name, "margin_nats": found.margin}
+            {"effect": cause.effect, "description": found.process.words, "margin_nats": found.margin}
             for cause, found in diagnosis.judgement.challenged
         ],
         "noise": diagnosis.noise.figures(),

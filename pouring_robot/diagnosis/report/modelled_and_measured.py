@@ -173,7 +173,7 @@ def _scene(
         moved = shown.copy()
         moved[:, :3, 3] += (state.model - state.measured)[:, :3, 3]
         moved[:, :3, :3] = state.model[:, :3, :3] @ np.swapaxes(state.measured[:, :3, :3], 1, 2) @ shown[:, :3, :3]
-        said = f"{np.nanmedian(sizes[state.name]) / MM:.2f} mm off, in the median"
+        said = f"median gap {np.nanmedian(sizes[state.name]) / MM:.2f} mm"
         robots.append(
             SceneRobot(
                 state.name, ladle, (world @ moved[rows])[:, None], measured[:, None], opacity=0.6,
@@ -195,7 +195,8 @@ def _scene(
         steps=tuple(Step(label, _caption(words, against, row, sizes)) for row, label in labels.items()),
         axis=axis,
         curves=tuple(
-            Curve(f"{words} off the {name}", "mm", size[rows] / MM, _STATE_TINTS[name]) for name, size in sizes.items()
+            Curve(f"{words}: gap to the {name}", "mm", size[rows] / MM, _STATE_TINTS[name])
+            for name, size in sizes.items()
         )
         if axis
         else (),
@@ -232,8 +233,8 @@ def _caption(
     """Return the gap of a row to every state, at the working frame."""
     campaign, noise = against.campaign, _noise_m(against)
     where = (f"{_sample(campaign, row)}", f"line {campaign.lines[row]} of the file")
-    off = [(f"{words} off the {name}", f"{size[row] / MM:.2f} mm") for name, size in sizes_m.items()]
-    more = [("noise of a coordinate", f"{noise / MM:.3g} mm")] if noise else []
+    off = [(f"{words}: gap to the {name}", f"{size[row] / MM:.2f} mm") for name, size in sizes_m.items()]
+    more = [("noise per coordinate", f"{noise / MM:.3g} mm")] if noise else []
     if not np.isfinite(against.measured.rotation[row]).all():
         more.append(("measured", "rotations are the model's: only positions were measured"))
     return (where, *off, *more)

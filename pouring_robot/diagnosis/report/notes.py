@@ -41,13 +41,13 @@ def _measured_lines(diagnosis: Conclusions) -> Iterator[str]:
         yield f"only {rows} rows: take what is named as a hint, and measure {_FEW_ROWS} or more"
     if not diagnosis.rows.measured.framed:
         yield (
-            "nothing was measured from outside: closures tell the shape of the robot, not where it stands, and all "
-            "lengths only in proportion; what is held as drawn (places, zeros or leads) decides the rest"
+            "nothing was measured from outside: closures show the shape of the robot, but not where it stands, and "
+            "only ratios of lengths; what is kept as drawn (places, zeros or leads) fixes the rest"
         )
     if given.filled:
         yield f"missing cells were filled in from their neighbours in time: {', '.join(given.filled)}"
     if not given.time_known:
-        yield "there is no time: the order of the rows stands for it"
+        yield "no times are given: the order of the rows is used instead"
 
 
 def _too_large_lines(diagnosis: Conclusions) -> list[str]:
@@ -61,14 +61,14 @@ def _repeat_lines(diagnosis: Conclusions) -> Iterator[str]:
     if "repeats" not in (diagnosis.noise[kind].source for kind in KINDS):
         return
     yield (
-        "the noise is not stated and comes from how far repeats of a command scatter: what changes from one repeat to "
-        "the next counts as noise"
+        "the noise is not stated and is estimated from how far repeats of a command scatter: whatever changes from one "
+        "repeat to the next counts as noise"
     )
     groups = repeats(diagnosis.campaign, np.flatnonzero(diagnosis.campaign.usable))
     if all((np.diff(rows) == 1).all() for rows in groups):
         yield (
-            "all repeats follow each other: if the robot stood still in between, how well it comes back to a pose is "
-            "not in that noise, and passes for an effect; then state a noise that holds it"
+            "all repeats follow each other: if the robot stood still in between, that noise does not include its "
+            "repeatability, which then looks like an effect; in that case state a noise that includes it"
         )
 
 
@@ -87,34 +87,34 @@ def _left_out_lines(diagnosis: Conclusions) -> Iterator[str]:
     if unusable.size:
         yield f"without a command or a measurement: {these(unusable)}"
     for heading, rows in rows_without(diagnosis.campaign).items():
-        said = f"left out, as {heading} is not known and other rows do not tell it (without that column they count)"
+        said = f"left out, as {heading} is missing and not known from other rows (without that column they count)"
         yield f"{said}: {these(rows)}"
     effects, session = diagnosis.diagnoser.library.effects, diagnosis.rows.conditions.session
     by_session = [e.cause.effect for e in diagnosis.effects if effects[e.cause.effect].driver == "session"]
     if by_session and not np.isin(session[~diagnosis.fitted], session[diagnosis.fitted]).all():
         yield (
-            f"what {', '.join(by_session)} is in {diagnosis.held_out_name}, which is held out, no other session "
-            "tells; with --hold-out region the held-out rows say how much of the gap it makes"
+            f"no other session shows what {', '.join(by_session)} is in {diagnosis.held_out_name}, which is held out; "
+            "with --hold-out region the held-out rows show how much of the gap it causes"
         )
     if diagnosis.model.robot is not None:
-        yield "no ladles.html: measured ladles are drawn of the pouring robot only"
+        yield "no ladles.html: measured ladles are drawn for the pouring robot only"
     elif not diagnosis.campaign.position_measured.all(axis=1).any():
-        yield "no ladles.html: no row has a whole measured position"
+        yield "no ladles.html: no row has a complete measured position"
 
 
 def _fitted_lines(diagnosis: Conclusions) -> Iterator[str]:
     """Yield what else is fitted or would explain something."""
     workmanship = workmanship_text(diagnosis)
     if workmanship and not diagnosis.mostly_workmanship:
-        yield f"beside it all joints are off as workmanship leaves them, {workmanship}"
+        yield f"in addition, workmanship: all joints are off {workmanship}"
     yield from _minor_lines(diagnosis)
     yield from _soft_lines(diagnosis)
     yield from _alike_lines(diagnosis)
     refused = impossible_effects(diagnosis.hypothesis, diagnosis.judgement.thresholds)
     if refused:
         yield (
-            f"{', '.join(refused)} would explain something, but only with values that nature does not allow: check the "
-            "signs of what drives it (directions of gravity and of drives, temperatures, loads)"
+            f"{', '.join(refused)} would explain something, but only with physically impossible values: check the "
+            "signs of its inputs (directions of gravity and of drives, temperatures, loads)"
         )
 
 
@@ -125,14 +125,14 @@ def _elsewhere_lines(diagnosis: Conclusions) -> Iterator[str]:
     ordered = [e for e in stays if e in effects and effects[e].driver == "time_s" and not timed]
     if ordered:
         yield (
-            f"without times nobody knows what {', '.join(ordered)} does beyond these rows: take it out of model.yaml "
-            "before another command uses that"
+            f"without times it is unknown what {', '.join(ordered)} does beyond these rows: remove it from model.yaml "
+            "before another command uses that file"
         )
     stays = tuple(effect for effect in stays if effect not in ordered)
     if stays:
         yield (
             f"{', '.join(stays)} depend{'s' if len(stays) == 1 else ''} on conditions: other commands apply this part "
-            "of model.yaml under what --condition or columns beside their poses say"
+            "of model.yaml only under conditions given by --condition or in columns beside the poses"
         )
 
 
@@ -170,10 +170,10 @@ def _minor_lines(diagnosis: Conclusions) -> list[str]:
     minor, fitted = diagnosis.judgement.minor, diagnosis.hypothesis.effects
     together = [effect for effect in minor if effect in fitted]
     passing = [effect for effect in minor if effect not in fitted]
-    why = "as they add too little or what a larger cause does if its size varies"
-    lines = [f"fitted beside, but no causes, {why}: {', '.join(together)}"] if together else []
+    why = "as they add too little, or only what a larger cause does if its size varies"
+    lines = [f"also fitted, but not named, {why}: {', '.join(together)}"] if together else []
     if passing:
-        own = f"left out of the model, {why}, and go by this campaign's own time or sessions"
+        own = f"left out of the model, {why}, and depend on this campaign's own time or sessions"
         lines.append(f"{own}: {', '.join(passing)}")
     return lines
 
@@ -184,7 +184,7 @@ def _soft_lines(diagnosis: Conclusions) -> list[str]:
     if not (named and hypothesis.unnamed):
         return []
     size = np.sqrt(hypothesis.squared_size(*hypothesis.unnamed) / len(hypothesis.problem.residual))
-    said = "fitted beside, but no effect, so not in the model: what the load makes of soft joints"
+    said = "also fitted, but no effect, so not in the model: soft joints that yield under the load"
     return [f"{said}, {size:.1f} times the noise"]
 
 
@@ -200,4 +200,4 @@ def _alike_lines(diagnosis: Conclusions) -> Iterator[str]:
         alike = [item for item in others if squared - found.explained_by(item, (index,)) < hidden]
         if alike:
             *rest, last = (item.form.removesuffix("_alone") for item in (*alike, own))
-            yield f"{own.effect}: in these poses {', '.join(rest)} would do what {last} does"
+            yield f"{own.effect}: in these poses {', '.join(rest)} would have the same effect as {last}"

@@ -19,12 +19,12 @@ from pouring_robot.io.units import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Table, html_page
 
 _ADDED = (
-    "Each adds to those of a lower number; the device is taken as set up anew, so the first may add nothing. Who makes "
-    "only some makes those of the lowest numbers. Samples are called as in next.csv."
+    "Each adds its nats to those of lower numbers. The device is assumed to be set up again, so the first may add "
+    "nothing. If you make only some, take the lowest numbers. Samples are named as in next.csv."
 )
 _ALL = (
-    "Root mean squares of the values measured in these rows: all mm of all lengths (coordinates, distances, closures), "
-    "all mrad of all rotation components."
+    "Root mean squares of the values measured in these rows: 'all mm' over all lengths (coordinates, distances, "
+    "closures), 'all mrad' over all rotation components."
 )
 _PARAMETER_HEAD = ("parameter", "value", "± 95 %", "unit", "")
 _MOST_OPEN = 14
@@ -51,14 +51,14 @@ def html_report(
     blocks += [Heading("Parameters")] if effects else []
     if effects and diagnosis.verdict != "unknown":
         rate = diagnosis.diagnoser.asked.false_names
-        bound = f"No probability is above 1 - {rate:g}, by the accepted rate of false names (--false-names)"
-        blocks.append(Paragraph(f"{bound}: something that the library lacks may be at work."))
+        bound = f"No probability exceeds 1 - {rate:g}, by the accepted rate of false names (--false-names)"
+        blocks.append(Paragraph(f"{bound}: the cause may be something that is not in the library."))
     for effect in effects:
         blocks += _effect(diagnosis, effect)
     blocks += [Heading("Pictures"), *others]
     suggested = diagnosis.suggestion.best_first
     if suggested:
-        blocks += [Heading("Measurements that tell most"), Paragraph(_ADDED), _measurements(diagnosis, suggested)]
+        blocks += [Heading("Most informative measurements"), Paragraph(_ADDED), _measurements(diagnosis, suggested)]
     blocks += [Heading("Findings of the data checks"), Lines([str(f) for f in diagnosis.flags] or ["nothing"])]
     title = f"Diagnosis of {diagnosis.campaign.path.name}"
     return html_page(title, blocks, links=links, data=[diagnosis.campaign.path])
@@ -70,11 +70,11 @@ def _rows_used(diagnosis: Conclusions) -> str:
     held, played = "none held out", ""
     if diagnosis.held_out_name:
         held = f"{int((~diagnosis.fitted).sum())} held out ({diagnosis.held_out_name})"
-        played = " Held-out rows chose and fitted nothing."
+        played = " Held-out rows were used neither for selection nor for fitting."
     if diagnosis.in_turn:
         played = (
-            " Held-out rows chose and fitted nothing in the amended model; as each block was held out in turn, they "
-            "had a part in how sure a cause is."
+            " Held-out rows were used neither for selection nor for fitting of the amended model; as each block was "
+            "held out in turn, they influenced how sure a cause is."
         )
     return (
         f"{diagnosis.campaign.path.name}: {int(diagnosis.fitted.sum())} rows fitted, {held}, {diagnosis.left_out.size} "
@@ -94,15 +94,15 @@ def _effect(diagnosis: Conclusions, effect: NamedEffect) -> list[Block]:
             ", ".join(
                 word
                 for word, holds in (
-                    ("clear", found.moved),
-                    ("only shapes it", not found.parameter.main),
+                    ("significant", found.moved),
+                    ("only shapes the effect", not found.parameter.main),
                 )
                 if holds
             ),
         )
         for name, found in named
     ]
-    others = f"; cannot be told from {', '.join(cause.alternatives)}" if cause.alternatives else ""
+    others = f"; cannot be distinguished from {', '.join(cause.alternatives)}" if cause.alternatives else ""
     # Where something is unknown, a probability among the known causes would mislead.
     sure = "" if diagnosis.verdict == "unknown" else f"probability {cause.probability:.4f}, "
     surely = f"{sure}log evidence {cause.evidence:.0f} nats{others}"
@@ -120,7 +120,7 @@ def _measurements(diagnosis: Conclusions, suggested: list[SuggestedMeasurement])
     """Return what to measure next, each with its number in the plan."""
     planned = diagnosis.suggestion.measurements
     return Table(
-        ("sample", "adds, nats", "pose and conditions", "hours later", "tells apart", "number"),
+        ("sample", "adds, nats", "pose and conditions", "hours later", "distinguishes", "number"),
         [
             (
                 m.plan_row(planned.index(m) + 1)["sample"],

@@ -45,8 +45,8 @@ def plots(diagnosis: Conclusions) -> list[tuple[str, str]]:
     if diagnosis.firm:
         drawn.append((f"What each effect does at the {words.tip}, in these poses{some}", _signatures(diagnosis)))
     if diagnosis.hypothesis.items:
-        drawn.append(("Evidence: step by step, and with other effects in the place of each one", _evidence(diagnosis)))
-    drawn.append((f"What is left after the best known effects, over the noise{some}", _discrepancy(diagnosis)))
+        drawn.append(("Evidence: step by step, and with each effect replaced by another", _evidence(diagnosis)))
+    drawn.append((f"What is left after the best known effects, relative to the noise{some}", _discrepancy(diagnosis)))
     return drawn
 
 
@@ -169,7 +169,7 @@ def _signatures(diagnosis: Conclusions) -> str:
             (dots,) = axes.plot(axis.values, moved[:, k], ".", color=colour, markersize=5, label="xyz"[k])
             tell(dots, _row_words(diagnosis, moved[:, k], f"in {'xyz'[k]}", np.isfinite(axis.values)))
         axes.axhline(0.0, color="black", linewidth=0.5)
-        axes.set(xlabel=axis.label, ylabel=f"moves the {given.causes.words.tip.split()[-1]} [mm]")
+        axes.set(xlabel=axis.label, ylabel=f"displaces the {given.causes.words.tip.split()[-1]} [mm]")
         if shape is not None:
             _shape_panel(sides[1], shape, deviations95(diagnosis.noise.dof))
         panel.suptitle(textwrap.fill(f"{name}: {effect.story}", _TITLE_LETTERS), fontsize=9)
@@ -225,7 +225,7 @@ def _rival_panel(axes: Any, hypothesis: Hypothesis, cause: Cause) -> None:
     _bars(axes, rivals, colours, 7, margin=0.15)
     axes.tick_params(axis="x", labelsize=7)
     axes.set_title(f"instead of {cause.effect}", fontsize=9)
-    orange = "; orange: cannot be told apart" if BEFORE in colours else ""
+    orange = "; orange: cannot be distinguished" if BEFORE in colours else ""
     axes.set_xlabel(f"log evidence lost [nats]{orange}", fontsize=7)
 
 
@@ -273,7 +273,7 @@ def _discrepancy(diagnosis: Conclusions) -> str:
     drawn = evenly_spaced(values.size, _MOST_ROWS)
     right.plot(expected[drawn], values[drawn], ".", color=AFTER, markersize=3)
     right.plot(expected, expected, color="black", linewidth=0.7)
-    right.set(xlabel="as noise would be", ylabel="residual / noise, sorted")
+    right.set(xlabel="expected of noise", ylabel="residual / noise, sorted")
     for axes in (left, right):
         axes.grid(alpha=0.2)
     return svg_of(figure)

@@ -30,6 +30,7 @@ from pouring_robot.robot.description.cause_types import AxisTilt
 _SHOWN_PARAMETERS, _SHOWN_SENTENCES, _SHOWN_PAIRS, _SHOWN_MEASUREMENTS = 4, 5, 2, 3
 _CLEAR = 2.0
 _MOST_NATS_SAID = 1000.0
+_TOO_LITTLE = "too little, or only if distorted or cancelled by others"
 _GAP = 1.2  # how many times the noise a gap must be: a share of a smaller gap says nothing
 
 
@@ -43,17 +44,17 @@ def headline(diagnosis: Conclusions) -> str:
     verdict = diagnosis.verdict
     if verdict == "no_gap":
         if diagnosis.noise.from_residuals:
-            said = "nothing the model lacks shows in these data; their noise is not stated, see the notes."
+            said = "these data show nothing that the model lacks; their noise is not stated, see the notes."
             return f"NO STRUCTURE: {said}"
         return "NO GAP: model and measurement agree within the noise."
     if verdict == "unknown":
         # A probability among the known causes would mislead.
         named = " and ".join(effect.cause.effect for effect in diagnosis.firm)
-        besides = f" Found beside it: {named}." if named else ""
+        besides = f" Also found: {named}." if named else ""
         if diagnosis.misfit:
             return f"UNKNOWN: {diagnosis.misfit}.{besides}"
         moved = diagnosis.rows.conditions.causes.words.moved
-        said = scatter_text(diagnosis) or f"something moves the {moved} that no effect of the library explains"
+        said = scatter_text(diagnosis) or f"something that no effect of the library explains moves the {moved}"
         if size := diagnosis.judgement.unknown_size:
             said += f", by {size:.1f} times the noise"
         return f"UNKNOWN: {said}.{besides}"
@@ -61,9 +62,9 @@ def headline(diagnosis: Conclusions) -> str:
     # A reader of this sentence alone must not take the causes for the gap where joints make more of it.
     mostly = ""
     if diagnosis.mostly_workmanship:
-        mostly = f" Workmanship makes more of the gap: all joints are off {workmanship_text(diagnosis)}."
+        mostly = f" Workmanship accounts for more of the gap: all joints are off {workmanship_text(diagnosis)}."
     if verdict == "group":
-        return f"ONE OF A GROUP: the model lacks {names}; this campaign cannot tell more.{mostly}"
+        return f"ONE OF A GROUP: the model lacks {names}; this campaign cannot say which.{mostly}"
     return f"NAMED: the model lacks {names}.{mostly}"
 
 
@@ -72,12 +73,12 @@ def scatter_text(diagnosis: Conclusions) -> str:
     left = diagnosis.noise_left
     if left is None:
         return ""
-    kind, which = diagnosis.noisy, "a noise of "
+    kind, which = diagnosis.noisy, "noise of "
     noise, left = diagnosis.noise.of(kind), left.of(kind)
     if kind:
-        which = f"a noise of the {kind}s {left[kind].sigma / noise[kind].sigma:.2g} times as large: "
-    source = "the stated" if np.isinf(noise.dof) else "what repeats tell,"
-    return f"what is left scatters from row to row, like {which}{left.words} in place of {source} {noise.words}"
+        which = f"noise of the {kind}s {left[kind].sigma / noise[kind].sigma:.2g} times as large: "
+    known = f"the stated {noise.words}" if np.isinf(noise.dof) else f"{noise.words} by the repeats"
+    return f"the residuals scatter from row to row, like {which}{left.words} instead of {known}"
 
 
 def _names(diagnosis: Conclusions) -> str:
@@ -96,7 +97,7 @@ def _seldom_text(diagnosis: Conclusions, cause: Cause) -> str:
     turns = diagnosis.in_turn
     if turns is None or not turns.seldom(cause):
         return ""
-    return f": found in {turns.times_found(cause)} of {turns.blocks} searches without a block"
+    return f": found in {turns.times_found(cause)} of {turns.blocks} searches that leave out a block"
 
 
 def gap_sentence(diagnosis: Conclusions) -> str:
@@ -105,7 +106,7 @@ def gap_sentence(diagnosis: Conclusions) -> str:
     said, sizes = list[str](), _sizes(gap)
     for kind, (before, after, floor) in sizes.items():
         unit, si = unit_of(kind)
-        of = "" if said else f" RMS a {gap.length if kind == 'position' else 'component'}"
+        of = "" if said else f" RMS per {gap.length if kind == 'position' else 'component'}"
         then = "" if diagnosis.refused else f" before, {after / si:.3f} {unit} after"
         said.append(f"{before / si:.3f} {unit}{of}{then}, noise {floor / si:.3f} {unit}")
     text = f"{name[0].upper()}{name[1:]}{diagnosis.noise.unseen(gap.seen)}: {'; '.join(said)}"
@@ -141,15 +142,15 @@ def _in_turn_text(diagnosis: Conclusions) -> str:
     found, held_out = diagnosis.in_turn, diagnosis.held_out
     if found is None:
         alone = held_out is not None and 0 < held_out.counts.sum() < FEWEST_VALUES and diagnosis.judgement.names
-        said = "each other block alone tells where tracker and target stand, so that none can be foretold"
-        return f" One block of so few rows tells little; {said}." if alone else ""
+        said = "no other block can be held out, as without it the poses of tracker and target are unknown"
+        return f" One block of so few rows proves little; {said}." if alone else ""
     before, after = (found.gap.position(which) / MM for which in ("before", "after"))
     turn, left_turn = (found.gap.rotation(which) / MRAD for which in ("before", "after"))
     turned = f"; {turn:.3f} mrad before, {left_turn:.3f} mrad after" if math.isfinite(turn) else ""
     return (
-        f" One block of so few rows tells little: with each of {found.blocks} held out in turn {before:.3f} mm before, "
-        f"{after:.3f} ± {found.error_m / MM:.3f} mm after (standard error){turned}, and the same names in "
-        f"{found.agreed}."
+        f" One block of so few rows proves little; with each of {found.blocks} held out in turn: {before:.3f} mm "
+        f"before, {after:.3f} ± {found.error_m / MM:.3f} mm after (standard error){turned}; the same effects named in "
+        f"{found.agreed} of them."
     )
 
 
@@ -178,7 +179,7 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
     lines = [
         f"{cause.effect}: {effect.story}",
         f"moves the {tip} by up to {diagnosis.farthest_m(cause.effect) / MM:.2f} mm in these poses; "
-        f"left out, it leaves {cause.size:.1f} times the noise",
+        f"without it, {cause.size:.1f} times the noise would remain",
     ]
     every = diagnosis.parameters_of(effect)
     known = diagnosis.diagnoser.library.effects[cause.effect]
@@ -198,7 +199,7 @@ def effect_lines(diagnosis: Conclusions, effect: NamedEffect, *, short: bool = T
         + (f"; {more} more {'in the report' if short else 'below'}" if more else "")
     )
     if not clear:
-        lines.append("what they do together is sure, no single value of them is")
+        lines.append("together they are significant, no single value is")
     as_zeros = as_zeros_text((name for name, _ in shown), diagnosis.rows.conditions.causes.placements.tilts)
     return [*lines, *with_care, *([as_zeros] if as_zeros else [])]
 
@@ -217,16 +218,16 @@ def _beyond_nature(
         beyond += [plain(name)] * (not low - slack <= found.value <= high + slack)
     if beyond:
         yield (
-            f"beyond what nature allows: {some(beyond, _SHOWN_PARAMETERS)}; something else is at work there, or what "
-            "drives it is not as stated (masses, loads, temperatures)"
+            f"physically impossible: {some(beyond, _SHOWN_PARAMETERS)}; something else acts there, or masses, loads or "
+            "temperatures are not as stated"
         )
 
 
 def as_zeros_text(names: Iterable[str], tilts: Sequence[AxisTilt]) -> str:
     """Return which parameters may be zeros of the preceding joints as well, in words; "" where none may."""
     zeros = {f"{tilt.joint}.tilt_{axis}": joint for tilt in tilts for axis, joint in tilt.zeros.items()}
-    shared = [f"{plain(name)} as {plain(zeros[name])}'s" for name in names if name in zeros]
-    return f"turns what follows as the zero of the joint before it would: {', '.join(shared)}" if shared else ""
+    shared = [f"{plain(name)} (zero of {plain(zeros[name])})" for name in names if name in zeros]
+    return f"may as well be the zero of the joint before: {', '.join(shared)}" if shared else ""
 
 
 def form_text(diagnosis: Conclusions, effect: NamedEffect) -> str:
@@ -249,7 +250,7 @@ def apart_lines(diagnosis: Conclusions) -> list[str]:
         cause = effect.cause
         if cause.alternatives:
             group = {cause.effect, *cause.alternatives}
-            lines.append(f"{', '.join((cause.effect, *cause.alternatives))} look alike in this campaign")
+            lines.append(f"{', '.join((cause.effect, *cause.alternatives))} have the same effect in this campaign")
             pairs = [s for s in diagnosis.suggestion.separations if {s.first, s.second} <= group]
             if diagnosis.suggestion.tells:
                 lines += [f"  {s.first} or {s.second}: {s.how}" for s in pairs]
@@ -266,10 +267,10 @@ def left_lines(diagnosis: Conclusions) -> list[str]:
         better.setdefault(found.process.words if found else "", []).append(effect)
     for words, effects in better.items():
         are = "are the nearest known effects" if len(effects) > 1 else "is the nearest known effect"
-        better_said = f"{are} but not it: '{words}' describes the data better"
-        said = better_said if words else "may be at work, or a part of what is unknown"
+        better_said = f"{are} but not the cause: '{words}' describes the data better"
+        said = better_said if words else "may be present, or be part of what is unknown"
         lines.append(f"{', '.join(effects)} {said}")
-    opening = f"beside {'them' if len(judged.doubtful) > 1 else 'it'}, " if lines else ""
+    opening = "in addition, " if lines else ""
     lines += [opening + item.sentence for item in diagnosis.remainder]
     lines[:0] = [line for line in (diagnosis.misfit, scatter_text(diagnosis)) if line]
     return lines or list(diagnosis.judgement.reasons)
@@ -281,9 +282,9 @@ def spare_lines(diagnosis: Conclusions) -> list[str]:
     least = diagnosis.diagnoser.thresholds.least_evidence
     said = {effect: f"{effect} ({worth:+z.1f} nats)" for effect, worth in spare.items()}
     below, above = ([said[e] for e, worth in spare.items() if (worth < least) == few] for few in (True, False))
-    lines = [f"{', '.join(below)}; it takes {least:.1f} to be named"] if below else []
+    lines = [f"{', '.join(below)}; an effect needs {least:.1f} to be named"] if below else []
     if above:
-        lines.append(f"{', '.join(above)} would explain something, but too little beside the causes, bent, or undone")
+        lines.append(f"{', '.join(above)} would explain something, but {_TOO_LITTLE}")
     return lines
 
 
@@ -308,7 +309,7 @@ def source_text(names: Sequence[str], campaign: Campaign) -> str:
     parts += [f"{', '.join(keys)} in {yaml}"] if keys else []
     sides = not {*columns}.isdisjoint(approach_names(campaign.robot))
     key = f"drives.approach: {FROM_THE_ROW_BEFORE} in {yaml}"
-    order = f", or {key} if each pose was driven to straight from the one before" if sides else ""
+    order = f", or {key} if the robot went to each pose directly from the one before" if sides else ""
     return f"add {' and '.join(parts)}{order}"
 
 
@@ -325,31 +326,32 @@ def next_lines(diagnosis: Conclusions) -> list[str]:
     """Return what to measure or do next."""
     verdict, lines = diagnosis.verdict, []
     if diagnosis.misfit:
-        lines.append("check order, units and signs of the drives' columns, and that the robot file is this robot's")
+        lines.append("check order, units and signs of the drive columns, and that the robot file describes this robot")
     elif verdict == "unknown":
         if diagnosis.untestable:
-            lines.append(f"first what could not be tested, and may be it: {', '.join(diagnosis.untestable)}")
+            lines.append(f"first make testable what may be the cause: {', '.join(diagnosis.untestable)}")
         lines.append(_where_to_look(diagnosis))
     elif unweighed := _unweighed(diagnosis):
-        part = f"a part of what is named, as weight, too, goes by the pose: {', '.join(unweighed)}"
-        lines.append(f"first what could not be tested, and may be {part}")
+        why = "weight, too, varies with the pose, and its effect may be part of what is named"
+        lines.append(f"first make testable {', '.join(unweighed)}: {why}")
     if verdict == "no_gap":
         least = diagnosis.diagnoser.thresholds.least_evidence
         worths = {f"{n} ({worth:+z.1f} nats)": worth for n, worth in diagnosis.spare.items() if worth >= LITTLE_NATS}
         near, bent = ([said for said, worth in worths.items() if (worth < least) == few] for few in (True, False))
         if near:
-            lines.append(f"not sure enough to be named: {', '.join(near)}; it takes {least:.1f}, so measure more rows")
-        lines += [f"{', '.join(bent)} would explain something, but too little, bent, or undone"] if bent else []
+            said = f"{least:.1f} are needed, so measure more rows"
+            lines.append(f"not certain enough to be named: {', '.join(near)}; {said}")
+        lines += [f"{', '.join(bent)} would explain something, but {_TOO_LITTLE}"] if bent else []
         hidden = {s.second: s.how for s in diagnosis.suggestion.separations}
-        ways = {name: "no pose shows it" if how == NO_POSE else f"to see it, {how}" for name, how in hidden.items()}
-        lines += [f"could be there and not show: {name}; {way}" for name, way in ways.items()]
+        ways = {name: "no pose shows it" if how == NO_POSE else f"to detect it, {how}" for name, how in hidden.items()}
+        lines += [f"could be present but hidden: {name}; {way}" for name, way in ways.items()]
     elif not diagnosis.judgement.scatters:
         lines += _measurement_lines(diagnosis)
     unlimited = diagnosis.diagnoser.library.made_within is None
     if unlimited and diagnosis.judgement.names and diagnosis.hypothesis.coarsely_made:
         lines.append(
-            "joints look more coarsely made than is usual, and a cause may hide in that; if they are known to be made "
-            "better, say how well (--made-within)"
+            "the joints look less accurate than usual, which may hide a cause; if they are known to be more accurate, "
+            "state how accurate (--made-within)"
         )
     if diagnosis.noise.from_residuals:
         lines.append(
@@ -373,17 +375,17 @@ def _unweighed(diagnosis: Conclusions) -> list[str]:
 def _where_to_look(diagnosis: Conclusions) -> str:
     if diagnosis.judgement.scatters:
         return (
-            "measure some poses three times: if repeats scatter as much it is the device's noise, to be stated as it "
-            "is (metrology in the YAML); if not, something that changes from row to row is missing"
+            "measure some poses three times: if repeats scatter as much, it is noise of the device, to be stated "
+            "(metrology in the YAML); if not, something that changes from row to row is missing"
         )
     if any(left.slipped for left in diagnosis.remainder):
-        return "see whether the target slipped or was mounted anew: if so, make rows before and after two campaigns"
+        return "check whether the target slipped or was remounted; if so, make the rows before and after two campaigns"
     by = [left.by for left in diagnosis.remainder if left.by != CHANCE]
     if not by:
-        return "measure the same poses again under other conditions: what changes tells what it depends on"
+        return "measure the same poses again under other conditions: what changes shows what the error depends on"
     return (
-        f"look for a cause that depends on {' or '.join(dict.fromkeys(by))}; register it as an effect of your own, or "
-        "measure what it may depend on as a column"
+        f"look for a cause that depends on {', or '.join(dict.fromkeys(by))}; add it as an effect of your own, or "
+        "record what it may depend on in a column"
     )
 
 
@@ -397,14 +399,14 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
     odds = f"({LITTLE_NATS:g} nats: odds of {math.exp(LITTLE_NATS):.0f})"
     if diagnosis.verdict == "named" and gain < LITTLE_NATS <= now:
         return [
-            f"no measurement is needed to tell {shown}: they are {now:.0f} nats apart or more, and "
+            f"no measurement is needed to distinguish {shown}: they are {now:.0f} nats apart or more, and "
             f"{counted(len(best), 'measurement')} would add {gain:.1f} {odds}"
         ]
     if not suggestion.tells:
-        return [f"none of the measurements that were tried would tell {shown}"]
+        return [f"none of the measurements that were tried would distinguish {shown}"]
     by_chance = float(np.median(suggestion.random_nats))
     lines = [
-        f"{counted(len(best), 'measurement')} to tell {shown}: {_nats_text(gain)} expected, "
+        f"{counted(len(best), 'measurement')} to distinguish {shown}: {_nats_text(gain)} expected, "
         f"{_nats_text(by_chance)} from as many at random {odds}; the best of them:"
     ]
     return lines + [f"  {m.words}" for m in best[:_SHOWN_MEASUREMENTS]]
@@ -425,8 +427,8 @@ def sections(diagnosis: Conclusions, *, short: bool = True) -> list[tuple[str, l
     found = [
         ("where they disagree", [] if diagnosis.verdict == "no_gap" and short else where),
         ("which effect", which),
-        ("what cannot be told apart", apart_lines(diagnosis)),
-        ("tried beside these, and not needed", spare_lines(diagnosis)),
+        ("what cannot be distinguished", apart_lines(diagnosis)),
+        ("tried, and not needed", spare_lines(diagnosis)),
         ("what is left", left_lines(diagnosis)),
         ("what could not be tested", untestable_lines(diagnosis)),
         ("next", next_lines(diagnosis)),

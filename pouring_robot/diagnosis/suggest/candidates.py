@@ -96,7 +96,9 @@ def _between(campaign: Campaign, model: RobotModel, count: int, seed: int) -> tu
     start = model.definition.drawing().starts(drives)
     closed = np.flatnonzero(np.isfinite(start.position).all(axis=1))[:count]
     if closed.size < count:
-        raise BadInputError("hardly any pose between those of the campaign closes; measure poses nearer to each other")
+        raise BadInputError(
+            "hardly any pose between those of the campaign closes the loops; measure poses closer to each other"
+        )
     return drives[closed], start[closed]
 
 

@@ -99,7 +99,7 @@ def _descriptions(diagnosis: Findings, prospect: PredictedMeasurements, best: Hy
     items = prospect.explanations({(one.process.name, one.length) for one, _ in named})
     found: dict[str, Contender] = {}
     for one, rest in named:
-        name, item = one.process.name, items.get((one.process.name, one.length))
+        name, item = one.process.words, items.get((one.process.name, one.length))
         if item and name not in found:
             wider = replace(rest, problem=rest.problem.and_also((item,)))
             worth = wider.candidate_bayes_factor(item)

@@ -31,8 +31,8 @@ USUAL_COUNT = 10
 RANDOM_SETS = 50
 _NO_NATS = 0.05  # less counts as nothing: it would be shown as 0.0
 MOST_COUNT = 75  # number of candidate poses
-NO_POSE = "no pose tells them apart: of what is measured they do the same"
-_OPEN = "measure where the two predict most apart: the poses listed"
+NO_POSE = "no pose distinguishes them: their effect on what is measured is the same"
+_OPEN = "measure the poses listed, where their predictions differ most"
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class SuggestedMeasurement:
             "rank": self.rank,
             "separates": list(self.separates),
             "expected_nats": self.nats,
-            "why": f"tells {self.separates[0]} from {self.separates[1]}",
+            "why": f"distinguishes {self.separates[0]} from {self.separates[1]}",
         }
 
     @property
@@ -184,12 +184,12 @@ def suggest_measurements(diagnosis: Findings, count: int = USUAL_COUNT, seed: in
         BadInputError: hardly any pose of the workspace is within reach, distances or closures were measured, or the
             count is not a whole number from 0.
     """
-    count = whole(count, 0, "how many measurements to suggest is a whole number from 0 on")
+    count = whole(count, 0, "the number of measurements to suggest is a whole number from 0 on")
     advice = untestable_words(diagnosis.untestable, diagnosis.rows.conditions.robot)
     if not count:
         return Suggestion((), (), 0.0, advice=advice, seed=seed)
     if diagnosis.rows.measured.others:
-        raise BadInputError("poses are chosen for devices that see places or poses, not for distances and closures")
+        raise BadInputError("this takes a device that measures positions or poses, not distances or closures")
     possible = candidates(diagnosis.rows.campaign, diagnosis.model, MOST_COUNT, seed)
     prospect = PredictedMeasurements(diagnosis, possible)
     contenders, pairs = contest(diagnosis, prospect)
@@ -225,7 +225,7 @@ def suggest_measurements(diagnosis: Findings, count: int = USUAL_COUNT, seed: in
     if together < LITTLE_NATS:
         advice = (
             *advice,
-            f"{counted(len(measurements), 'more measurement')} like these would tell little more: {together:.1f} nats",
+            f"{counted(len(measurements), 'more measurement')} like these would add little: {together:.1f} nats",
         )
     return Suggestion(tuple(measurements), separations, together, total(at_random), advice=advice, seed=seed)
 

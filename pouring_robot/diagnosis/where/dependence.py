@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from pouring_robot.diagnosis.discrepancy_processes import CONSTANT, CYCLES, SIDE, Places, disagreements_of
+from pouring_robot.diagnosis.discrepancy_processes import CYCLES, SIDE, Places, disagreements_of
 from pouring_robot.diagnosis.where.free_residuals import Finding, FreeResiduals, size_text
 from pouring_robot.diagnosis.where.ranks import rank_correlation
 from pouring_robot.effects.conditions import Conditions
 from pouring_robot.effects.facts import in_words, known_facts
 from pouring_robot.estimation.intervals import value_and_half_width
 from pouring_robot.inference.gaussian_processes.discrepancy import Discrepancy, Summand
-from pouring_robot.inference.gaussian_processes.processes import CHANCE
+from pouring_robot.inference.gaussian_processes.processes import CHANCE, CONSTANT
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Problem
 from pouring_robot.inference.thresholds import Thresholds
@@ -83,7 +83,7 @@ def _finding(
             texts.append(f"{item.process.where} by {value.removeprefix('+')} ± {half} {unit}")
     text = f"{_opening(main, given)}: {_listed(texts)} (rms, 95 %)"
     if rivals:
-        text += f", or with what went along with it: {', '.join(rivals)}"
+        text += f"; or on what varied with it: {', '.join(rivals)}"
     elif quiet := _quiet(given, bounds, main.process.where, *first):
         text += f"; {quiet}"
     channel = main.process.lengths[main.length][0].channel
@@ -105,7 +105,7 @@ def _opening(main: Summand, given: Conditions) -> str:
         longest = main.length == next(iter(main.process.lengths))
         return f"Varies along its {by}, on a scale of {main.length}{' or more' if longest else ''}"
     if by == CYCLES:
-        return f"Comes and goes with time, once in {main.length}"
+        return f"Cycles with time, once in {main.length}"
     axes = (facts.axis(given) for facts in known_facts(given.robot).values() if facts.word == by)
     label, values = next(axes, ("", None))
     if values is None or np.ptp(values) == 0.0:
@@ -117,7 +117,7 @@ def _opening(main: Summand, given: Conditions) -> str:
 
 
 _OPENINGS = {
-    CHANCE: "Differs from row to row, following nothing looked at",
+    CHANCE: "Differs from row to row, following no known condition",
     CONSTANT: "A constant error",
     SIDE: "Depends on the side of approach",
     "session": "Differs between sessions",
@@ -131,7 +131,7 @@ def _quiet(given: Conditions, bounds: Mapping[str, float], where: str, size: flo
     less = sorted((bounds[f"{where} by {w}"], w) for w in words if bounds.get(f"{where} by {w}", np.inf) < size)
     if not less:
         return ""
-    return f"with {_listed([word for _, word in less], 'or')} by no more than {size_text(less[-1][0], turning)}"
+    return f"by no more than {size_text(less[-1][0], turning)} with {_listed([word for _, word in less], 'or')}"
 
 
 def untested(given: Conditions) -> tuple[str, ...]:

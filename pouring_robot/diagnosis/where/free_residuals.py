@@ -38,9 +38,9 @@ class FreeResiduals:
     def __post_init__(self) -> None:
         m = self.residual.size
         if not self.row.size == self.component.size == self.sigma.size == len(self.nuisance.axes) == m:
-            raise BadInputError(f"residuals, rows, components, noise and nuisance columns must all count {m} equations")
+            raise BadInputError(f"residuals, rows, components, noise and nuisance columns must each have {m} entries")
         if m <= self.nuisance.dof:
-            said = f"{m} measured values cannot show more than the {self.nuisance.dof} unknowns of the frames"
+            said = f"{m} measured values show no more than the {self.nuisance.dof} unknowns of the frames"
             raise BadInputError(said)
 
     @property

@@ -36,7 +36,7 @@ class Where:
             if item.what != "component" and item.share >= _MINOR_SHARE:
                 found.append(item.sentence)
             elif by_component and item is by_component[0]:
-                sizes = ", ".join(f"{f.component} by {size_text(f.size, f.turning)}" for f in by_component)
+                sizes = ", ".join(f"{f.component} {size_text(f.size, f.turning)}" for f in by_component)
                 found.append(f"By component (rms, axes of the {self.base}): {sizes}.")
         return (*(found or ["Model and measurement agree within the noise."]), *self.notes)
 
@@ -56,16 +56,18 @@ def disagreements(data: FreeResiduals, conditions: Conditions, alpha: float) -> 
     noted: list[str] = []
     scaled = data if data.noise_known else data.scaled(data.cleared)
     if not data.noise_known:
-        noted.append("The noise is not known: sizes cannot be judged against it, only what they depend on.")
+        noted.append("The noise is not known: sizes cannot be compared with it; only what they depend on can be found.")
     general = [overall(scaled, dof), *components(scaled), *repeats(scaled, conditions)]
     depends: list[Finding] = []
     if n >= _FEWEST_ROWS:
         general += regions(scaled, conditions)
         depends, settled = dependence(scaled, conditions, 0.5 * alpha)
         if not settled:
-            noted.append("The noise left beside what they depend on still changed, so those sizes are rough: state it.")
+            noted.append(
+                "The estimate of the noise did not settle, so sizes of what it depends on are rough: state it."
+            )
         if missing := untested(conditions):
-            noted.append(f"Not measured or not varied, so nothing can be said of: {', '.join(missing)}.")
+            noted.append(f"Not measured or not varied, so nothing is known of: {', '.join(missing)}.")
     else:
         noted.append(f"{n} rows are too few to say what the disagreement depends on; measure {_FEWEST_ROWS} or more.")
     general = _judged(general, 0.5 * alpha)

@@ -77,12 +77,12 @@ class DriveScale(Family):
             # Relative, each with its standard deviation; the lead is the derivative of the error by the length.
             lead, more = (MM * k * np.array([known.get(n, 0.0) for known in (values, stds)]) for k, n in names)
             per, unit = (1e6, "ppm") if Z95 * lead[1] < _FINE else (100.0, "%")
-            line = f"{drive.words}: its lead is {_with95(per * lead, unit)} off at zero"
-            line += f", {_with95(per * more, unit)} more a metre"
+            line = f"{drive.words}: lead error {_with95(per * lead, unit)} at zero"
+            line += f", {_with95(per * more, unit)} more per metre"
             if turn := drive.per_turn:
                 a_turn, change = turn / MM * (lead + np.array([1.0, 0.0])), turn / MM * more
                 each_turn = _with95(a_turn, "mm").removeprefix("+")
-                line += f", or {each_turn} a turn, {_with95(change, 'mm')} a metre of stroke"
+                line += f"; that is {each_turn} per turn, {_with95(change, 'mm')} more per metre"
             lines.append(f"{line} (95 %)")
         return tuple(lines)
 
@@ -126,10 +126,10 @@ class Ratio(Family):
                 share, std = MRAD * values[name], MRAD * stds.get(name, 0.0)
                 per, unit = (1e6, "ppm") if max(abs(share), Z95 * std) < _SMALL else (100.0, "%")
                 further = _with95(per * np.array([share, std]), unit)
-                line = f"{drive.words}: it turns {further} further than its command says"
+                line = f"{drive.words}: it turns {further} further than commanded"
                 if (home := f"{drive.symbol}_home") in values:
                     off = _with95(np.array([values[home], stds.get(home, 0.0)]), "mrad")
-                    line += f", and is {off} off where its count is zero"
+                    line += f", and is {off} off at count zero"
                 lines.append(f"{line} (95 %)")
         return tuple(lines)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pouring_robot.mechanism.arrays import FloatArray
 
-CHANCE = "row, by chance"
+CHANCE, CONSTANT = "row, by chance", "a constant"
 """The condition of a process that differs independently from row to row."""
 
 
@@ -111,7 +111,9 @@ class Process:
     @property
     def words(self) -> str:
         """What moves and by which condition, as in reports."""
-        return f"{self.where}, different in every row" if self.by == CHANCE else self.name
+        if self.by == CONSTANT:
+            return f"constant error of {self.where}"
+        return f"{self.where}, different in every row" if self.by == CHANCE else f"{self.where} depending on {self.by}"
 
     @property
     def seen(self) -> bool:

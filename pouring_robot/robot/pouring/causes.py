@@ -32,13 +32,13 @@ CAUSES = Causes(
         CauseEntry(
             "drive_scale",
             "scale",
-            "the screws have another lead than the controller believes",
+            "the lead of the screws is not what the controller believes",
             {"drives": _LEGS, **_STROKE},
         ),
         CauseEntry(
             "drive_cyclic",
             "periodic",
-            "the screws run out of true: an error that returns with every turn",
+            "the screws run out: an error that repeats with every turn",
             {"drives": _LEGS, "period": "screw_pitch_m"},
         ),
         CauseEntry(
@@ -50,7 +50,7 @@ CAUSES = Causes(
         CauseEntry(
             "joint_centre_offset",
             "centres",
-            "U joints sit elsewhere on their platforms than drawn",
+            "the U joints are not where the drawing puts them on their platforms",
             {"driven_by": "tilt_rad"},
         ),
         CauseEntry(
@@ -90,7 +90,7 @@ CAUSES = Causes(
             {"travel": "truss_travel_m", "weight_n": 6500.0},
         ),
         CauseEntry(
-            "base_drift", "base_drift", "the fixed platform creeps away from where it stood when the campaign began"
+            "base_drift", "base_drift", "the fixed platform creeps away from where it was when the campaign began"
         ),
         CauseEntry(
             "tilt_encoder_eccentricity",
@@ -156,7 +156,7 @@ CAUSES = Causes(
     ),
     travel_words={
         "truss_travel": (
-            "the place along the rails (truss_travel_m)",
+            "the position along the rails (truss_travel_m)",
             "measure at both ends and in the middle of the rails, empty and full",
         )
     },
