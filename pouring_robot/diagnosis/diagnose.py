@@ -73,12 +73,12 @@ class DiagnosisOptions(Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        said = f"the number of measurements to suggest is a whole number from 0 to {MOST_COUNT}"
+        said = f"the number of measurements to suggest must be a whole number from 0 to {MOST_COUNT}"
         count = whole(self.next_count, 0, said, MOST_COUNT)
         rate = Thresholds(self.false_names).false_names
         if self.made_within_mm is not None:
             if not 0.0 < self.made_within_mm < math.inf:
-                said = "the accuracy of the joints is a length in mm above 0"
+                said = "the accuracy of the joints must be a length in mm above 0"
                 raise BadInputError(f"{said}, not {self.made_within_mm:g}")
             object.__setattr__(self, "made_within_mm", float(self.made_within_mm))
         for name, plain in {"next_count": count, "false_names": rate}.items():

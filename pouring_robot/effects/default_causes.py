@@ -61,7 +61,7 @@ def _of_drives(robot: RobotDefinition) -> Iterator[CauseEntry]:
     for name, cause, own in _each(groups, "drive_scale"):
         lead = CauseEntry(cause, "scale", slide, {**own, "build_up": True})
         yield lead if name in slides else CauseEntry(cause, "ratio", turn, own)
-    story = "screws or pinions run out: an error that repeats with every turn of the motor"
+    story = "runout of screws or pinions: an error that repeats with every turn of the motor"
     for _, cause, own in _each(slides, "drive_periodic"):
         yield CauseEntry(cause, "periodic", story, {**own, "period": "pitch"})
     story = (

@@ -56,7 +56,7 @@ class Thresholds:
     minor_evidence: float = 25.0
 
     def __post_init__(self) -> None:
-        said = "the rate of false names is a share between 0 and 1"
+        said = "the rate of false names must be a share between 0 and 1"
         expect(self.false_names, Real, said)
         if not 0.0 < self.false_names < 1.0:
             raise BadInputError(f"{said}, not {self.false_names:g}")

@@ -221,7 +221,7 @@ def test_no_suggestion_says_of_nothing_that_no_pose_tells_it(confounded, four):
     assert (none.measurements, none.separations, none.failed) == ((), (), "")
     for count in (-1, 1.5, "3"):
         with pytest.raises(
-            BadInputError, match="the number of measurements to suggest is a whole number from 0 on, not"
+            BadInputError, match="the number of measurements to suggest must be a whole number from 0 on, not"
         ):
             suggest_measurements(confounded, count)
 

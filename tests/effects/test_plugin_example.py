@@ -115,7 +115,7 @@ def test_it_is_drawn_and_told_apart_as_a_built_in_effect_is(plugin, bench):
     for given in (conditions, held):
         said = [separating_words(name, "base_drift", effects, given) for name in ("screw_wear", "drive_scale")]
         assert said[0] == said[1]
-    assert said[0].startswith("measure with legs as short and as long as they can be")
+    assert said[0].startswith("measure with legs as short and as long as possible")
 
 
 def test_an_effect_that_says_only_what_it_needs_has_words_too(bench):

@@ -21,7 +21,7 @@ from pouring_robot.estimation.intervals import value_and_half_width
 from pouring_robot.estimation.kinds import Kind, component_name, component_shown_in, unit_of
 from pouring_robot.exceptions import counted, some
 from pouring_robot.inference.decision import Cause
-from pouring_robot.inference.gaussian_processes.processes import CHANCE
+from pouring_robot.inference.gaussian_processes.processes import CHANCE, CONSTANT
 from pouring_robot.inference.problem import WORKMANSHIP_FORM
 from pouring_robot.inference.thresholds import LITTLE_NATS
 from pouring_robot.io.units import MM, MRAD
@@ -380,7 +380,8 @@ def _where_to_look(diagnosis: Conclusions) -> str:
         )
     if any(left.slipped for left in diagnosis.remainder):
         return "check whether the target slipped or was remounted; if so, make the rows before and after two campaigns"
-    by = [left.by for left in diagnosis.remainder if left.by != CHANCE]
+    words = {CONSTANT: "nothing (a constant error)"}
+    by = [words.get(left.by, left.by) for left in diagnosis.remainder if left.by != CHANCE]
     if not by:
         return "measure the same poses again under other conditions: what changes shows what the error depends on"
     return (
@@ -393,7 +394,7 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
     suggestion = diagnosis.suggestion
     if not suggestion.measurements:
         return []
-    pairs = list(dict.fromkeys(f"{s.first} from {s.second}" for s in suggestion.separations))
+    pairs = list(dict.fromkeys(f"{_quoted(s.first)} from {_quoted(s.second)}" for s in suggestion.separations))
     best, shown = suggestion.best_first, some(pairs, _SHOWN_PAIRS)
     gain, now = suggestion.expected_nats, min(s.now_nats for s in suggestion.separations)
     odds = f"({LITTLE_NATS:g} nats: odds of {math.exp(LITTLE_NATS):.0f})"
@@ -410,6 +411,11 @@ def _measurement_lines(diagnosis: Conclusions) -> list[str]:
         f"{_nats_text(by_chance)} from as many at random {odds}; the best of them:"
     ]
     return lines + [f"  {m.words}" for m in best[:_SHOWN_MEASUREMENTS]]
+
+
+def _quoted(name: str) -> str:
+    """Return what explains: an effect's id, or a description in words with quotes."""
+    return f"'{name}'" if " " in name else name
 
 
 def _nats_text(nats: float) -> str:

@@ -184,7 +184,7 @@ def suggest_measurements(diagnosis: Findings, count: int = USUAL_COUNT, seed: in
         BadInputError: hardly any pose of the workspace is within reach, distances or closures were measured, or the
             count is not a whole number from 0.
     """
-    count = whole(count, 0, "the number of measurements to suggest is a whole number from 0 on")
+    count = whole(count, 0, "the number of measurements to suggest must be a whole number from 0 on")
     advice = untestable_words(diagnosis.untestable, diagnosis.rows.conditions.robot)
     if not count:
         return Suggestion((), (), 0.0, advice=advice, seed=seed)

@@ -83,7 +83,7 @@ def _finding(
             texts.append(f"{item.process.where} by {value.removeprefix('+')} ± {half} {unit}")
     text = f"{_opening(main, given)}: {_listed(texts)} (rms, 95 %)"
     if rivals:
-        text += f"; or on what varied with it: {', '.join(rivals)}"
+        text += f"; or due to what varied with it: {', '.join(rivals)}"
     elif quiet := _quiet(given, bounds, main.process.where, *first):
         text += f"; {quiet}"
     channel = main.process.lengths[main.length][0].channel
@@ -131,7 +131,7 @@ def _quiet(given: Conditions, bounds: Mapping[str, float], where: str, size: flo
     less = sorted((bounds[f"{where} by {w}"], w) for w in words if bounds.get(f"{where} by {w}", np.inf) < size)
     if not less:
         return ""
-    return f"by no more than {size_text(less[-1][0], turning)} with {_listed([word for _, word in less], 'or')}"
+    return f"no more than {size_text(less[-1][0], turning)} depends on {_listed([word for _, word in less], 'or')}"
 
 
 def untested(given: Conditions) -> tuple[str, ...]:

@@ -121,7 +121,7 @@ def regions(data: FreeResiduals, given: Conditions) -> list[Finding]:
         p_value = larger(score[here], score[there])
         inside_m, outside_m = (float(np.sqrt(squares[part].sum() / counts[part].sum())) for part in (here, there))
         sizes = f"{size_text(inside_m)} rms there, {size_text(outside_m)} elsewhere"
-        sentence = f"Largest where the {given.causes.words.moved} is {words}: {sizes}."
+        sentence = f"Errors are largest where the {given.causes.words.moved} is {words}: {sizes}."
         p_value = 1.0 if inside_m < _LARGER * outside_m else p_value
         found.append(Finding("region", sentence, inside_m, p_value, condition=words))
     return sorted(found, key=lambda finding: finding.p_value or 0.0)

@@ -38,7 +38,7 @@ CAUSES = Causes(
         CauseEntry(
             "drive_cyclic",
             "periodic",
-            "the screws run out: an error that repeats with every turn",
+            "runout of the screws: an error that repeats with every turn",
             {"drives": _LEGS, "period": "screw_pitch_m"},
         ),
         CauseEntry(
