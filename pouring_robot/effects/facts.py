@@ -59,7 +59,7 @@ def known_facts(robot: RobotDefinition) -> dict[str, ConditionFacts]:
         _drawn("mean moment on a joint [Nm]", "joint_moments", lambda given: np.abs([*given.values()]).mean(axis=0)),
         sources=(INERTIAS,),
         record=f"the {INERTIAS}",
-        vary="measure with the arm stretched out and folded, to all sides",
+        vary="measure with the arm stretched out and folded, in all directions",
         by_pose=True,
     )
     for group, drives in robot.groups.items():

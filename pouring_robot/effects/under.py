@@ -70,12 +70,12 @@ def understood(robot: RobotDefinition, given: Given) -> dict[str, Any]:
     Raises BadInputError if a heading is no condition of the robot, one is given twice, or a value is impossible.
     """
     if not hasattr(given, "items"):  # those of a data frame will do
-        said = "conditions are a mapping by headings of a campaign, such as {'payload_kg': 400}"
+        said = "conditions must be a mapping by headings of a campaign, such as {'payload_kg': 400}"
         raise BadInputError(f"{said}, not a {type(given).__name__}")
     known = {heading: quantity for quantity in robot.condition_columns for heading in quantity.headings}
     found: dict[str, Any] = {}
     for heading, values in given.items():
-        expect(heading, str, "conditions go by a campaign's heading")
+        expect(heading, str, "the key of a condition must be a heading of a campaign")
         if heading not in known:
             stems = heading, heading.rpartition("_")[0]  # a unit may be missing, or wrong
             same = [f"'{name}'" for name, quantity in known.items() if quantity.name in stems]
@@ -336,7 +336,7 @@ def compensate_under(
 
     Raises UnsettledCommandsError if commands do not settle, and as ``bring`` and :meth:`RobotUnderConditions.robots`.
     """
-    expect(under, RobotUnderConditions, "what is commanded is a RobotUnderConditions")
+    expect(under, RobotUnderConditions, "the robot to compensate must be a RobotUnderConditions")
     commands = _drives(under.robot, wanted)
     first: list[Found] = []
     tried, answers = list[FloatArray](), list[FloatArray]()

@@ -354,7 +354,7 @@ def test_another_session_has_no_homing_of_its_own(bench, rng):
         ({"time_s": [1.0, 2.0, 3.0]}, "give each condition one value, or one for each of the 2 commands"),
         ({"time_s": 0.0, "session": [1.0, 2.0]}, "each sample, session and distance_from of a campaign is a text"),
         ({"time_s": 0.0, "session": None}, "is a text, not a NoneType"),
-        ({3: 0.0}, "conditions go by a campaign's heading, not a int"),
+        ({3: 0.0}, "the key of a condition must be a heading of a campaign, not a int"),
     ],
 )
 def test_bad_conditions_are_refused_on_one_line(bench, given, said):
@@ -545,14 +545,17 @@ def test_commands_and_conditions_of_another_kind_are_refused_on_one_line():
     pose, given = PlatformPose((-0.1, 0.02, -0.6), 0.3), {"payload_kg": 400.0}
     under = RobotUnderConditions(LEARNED, given)
     for call, words in (
-        (lambda: robots_under(LEARNED, [pose], None), r"are a mapping by headings of a campaign, .* not a NoneType"),
-        (lambda: robots_under(LEARNED, [pose], ["payload_kg"]), "are a mapping by headings of a campaign"),
+        (
+            lambda: robots_under(LEARNED, [pose], None),
+            r"must be a mapping by headings of a campaign, .* not a NoneType",
+        ),
+        (lambda: robots_under(LEARNED, [pose], ["payload_kg"]), "must be a mapping by headings of a campaign"),
         (lambda: robots_under(LEARNED, pose, given), "commands must be a list of .* not a PlatformPose"),
         (lambda: robots_under(RobotModel(), [pose], given), "nothing in the model depends on conditions: give none"),
         (lambda: under.robots([0.55, 0.55, 0.70, -0.09]), r"finite numbers of the shape \(n, 4\): leg1_s3"),
         (lambda: under.robots([[0.55, 0.55, 0.70]]), r"finite numbers of the shape \(n, 4\): leg1_s3"),
         (lambda: compensate_under(under, pose, lambda k, robot: None), "commands must be a list of "),
-        (lambda: compensate_under(LEARNED, [pose], lambda k, robot: None), "is a RobotUnderConditions"),
+        (lambda: compensate_under(LEARNED, [pose], lambda k, robot: None), "must be a RobotUnderConditions"),
     ):
         with pytest.raises(BadInputError, match=words):
             call()

@@ -169,7 +169,7 @@ def _signatures(diagnosis: Conclusions) -> str:
             (dots,) = axes.plot(axis.values, moved[:, k], ".", color=colour, markersize=5, label="xyz"[k])
             tell(dots, _row_words(diagnosis, moved[:, k], f"in {'xyz'[k]}", np.isfinite(axis.values)))
         axes.axhline(0.0, color="black", linewidth=0.5)
-        axes.set(xlabel=axis.label, ylabel=f"displaces the {given.causes.words.tip.split()[-1]} [mm]")
+        axes.set(xlabel=axis.label, ylabel=f"{given.causes.words.tip.split()[-1]} displacement [mm]")
         if shape is not None:
             _shape_panel(sides[1], shape, deviations95(diagnosis.noise.dof))
         panel.suptitle(textwrap.fill(f"{name}: {effect.story}", _TITLE_LETTERS), fontsize=9)
