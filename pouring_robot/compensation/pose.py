@@ -283,7 +283,7 @@ class DriveCompensation(Result):
     def headline(self) -> str:
         """How far off the frame was and is, and what to command."""
         off = f"'{self.frame}' {self.before.distance_m / MM:.3f} mm and {self.before.angle_rad / MRAD:.3f} mrad off"
-        left = f"{self.left.distance_m / MM:.1e} mm and {self.left.angle_rad / MRAD:.1e} mrad with it"
+        left = f"{self.left.distance_m / MM:.3g} mm and {self.left.angle_rad / MRAD:.3g} mrad with it"
         said = f"{off} without compensation, {left}"
         if self.kept:
             why = "the pose is (nearly) singular and nothing better was found; the drives are kept"

@@ -49,6 +49,7 @@ def test_an_attitude_that_is_worse_than_without_is_said(seed, worse):
         sizes = [np.linalg.norm(pin.log3(pose.rotation @ nominal.rotation.T)) for pose in (before, after)]
         assert (sizes[1] > sizes[0]) == worse
         assert one.status == ("nearest + attitude worse" if worse else "nearest")
+        assert f" and {1e3 * sizes[1]:.3g} mrad with it" in one.headline  # 1.51, not 1.5e+00
         found.append(one)
     told = ["attitude further off with compensation than without: 4 of 4 poses, by up to "] if worse else []
     assert [note[: len(told[0])] for note in drive_notes(found)] == told

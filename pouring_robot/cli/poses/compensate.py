@@ -243,7 +243,7 @@ def _largest(found: Sequence[DriveCompensation]) -> str:
         for sizes in (before, left)
     )
     off = f"{was[0]:.3f} mm and {was[1]:.3f} mrad off without compensation"
-    return f"largest: '{found[0].frame}' {off}, {remains[0]:.1e} mm and {remains[1]:.1e} mrad with it"
+    return f"largest: '{found[0].frame}' {off}, {remains[0]:.3g} mm and {remains[1]:.3g} mrad with it"
 
 
 def _each(
