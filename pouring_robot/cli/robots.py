@@ -104,10 +104,9 @@ def _print(robot: dict[str, Any], geared: Mapping[str, Literal["length", "angle"
         f"{robot['equations']} closure equations of rank {robot['rank_nominal']}" if robot["loops"] else "no loops"
     )
     redundant = f" ({robot['equations'] - robot['rank_nominal']} equations redundant)" if robot["loops"] else ""
-    options.say(
-        f"{robot.get('layout') or robot['robot']}: {robot['mechanism']}, {robot['bodies']} bodies, "
-        f"{robot['mass_kg']:.0f} kg"
-    )
+    mass = robot["mass_kg"]
+    weight = f"{robot['bodies']} bodies, {mass:.{0 if mass >= 1.0 else 2}f} kg" if mass else "no masses"
+    options.say(f"{robot.get('layout') or robot['robot']}: {robot['mechanism']}, {weight}")
     options.print_indented(f"{joints}, {closures}: {robot['freedoms']} freedoms{redundant}")
     if not robot["pose_determined"]:
         options.print_indented(

@@ -37,6 +37,16 @@ def test_a_first_file_loads_and_says_what_it_took(run, urdf):
     assert (code, figures["freedoms"], figures["loops"]) == (0, 2, [])
 
 
+@pytest.mark.parametrize(("kg", "told"), [(None, "no masses"), (0.6, "1 bodies, 0.60 kg"), (28.6, "1 bodies, 29 kg")])
+def test_a_urdf_without_masses_is_told_from_a_light_robot(run, tmp_path, kg, told):
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    link = f'<link name="l"><inertial><mass value="{kg}"/>{inertia}</inertial></link>' if kg else '<link name="l"/>'
+    joint = '<joint name="j" type="continuous"><parent link="b"/><child link="l"/><axis xyz="0 0 1"/></joint>'
+    (tmp_path / "r.urdf").write_text(f'<robot name="r"><link name="b"/>{joint}{link}</robot>', encoding="utf-8")
+    assert run("robot", "init", tmp_path / "r.urdf")[0] == 0
+    assert run("robots", "--robot", tmp_path / "robot.yaml")[1].startswith(f"r: r, {told}\n")
+
+
 def test_nothing_is_overwritten_unless_asked(run, urdf):
     assert run("robot", "init", urdf)[0] == 0
     path = urdf.parent / "robot.yaml"
