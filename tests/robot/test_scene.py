@@ -5,10 +5,12 @@ import pinocchio as pin
 import pytest
 
 from pouring_robot.exceptions import BadInputError
+from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
+from pouring_robot.robot.robot import Robot
 from pouring_robot.robot.view.nominal_and_actual import exaggeration_for, pose_scene
 from pouring_robot.viewer import solids
-from tests.support import random_poses
+from tests.support import ROOT, random_poses
 
 
 def _ladle(scene, step, group):
@@ -93,3 +95,13 @@ def test_bad_factors(as_built, factor):
 def test_no_pose_no_scene():
     with pytest.raises(BadInputError, match="no pose"):
         pose_scene([])
+
+
+def test_a_robot_without_visuals_is_said_not_to_be_drawn():
+    """An empty picture would look like a fault."""
+    robot = Robot(RobotModel.for_robot(ROOT / "examples" / "machines" / "ur10" / "robot.yaml"))
+    location = robot.location_at(np.radians([10.0, -80.0, 70.0, 10.0, 20.0, 30.0]))
+    assert [one.label for one in pose_scene([location]).robots] == [
+        "as built: not drawn, its URDF has no visuals",
+        "as commanded: not drawn, its URDF has no visuals",
+    ]

@@ -130,6 +130,8 @@ def drawn_robot(
             raise
         said = f"the mesh {absent[0]} is not found; name the folder that holds its package in {FOLDERS_VARIABLE}"
         raise DescriptionError("robot description", said) from problem
+    if not visual.ngeoms:
+        label = f"{label}: not drawn, its URDF has no visuals".removeprefix(": ")
     return SceneRobot(name, visual, bodies, reference, opacity=opacity, tint=tint, label=label)
 
 
