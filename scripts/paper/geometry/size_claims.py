@@ -35,7 +35,7 @@ def only_angles(study: OpenStudy, errors: ErrorSamples) -> Claim:
         "position errors of 1 mm and more all come from angle errors",
         f"over 1 mm: {len(large.parameters) - len(lengths)} angles; lengths: {listed(lengths)}",
         judge(bool(large.parameters) and not lengths),
-        "errors exceed 1 mm in at least one coordinate at one pose, and none of them is a length",
+        "errors exceed 1 mm in at least one coordinate at some pose, and none of them is a length",
         f"4 mrad act on levers of up to {lever:.2f} m",
         figures={"over_1mm": large.labels, "lengths_over_1mm": lengths, "lever_m": lever},
     )
@@ -57,7 +57,7 @@ def seven_in_chain(study: OpenStudy, errors: ErrorSamples) -> Claim:
         "seven parameters of chain 1 cause them: α01 α12 α23 α34 α56 θ1 and one more (“αe1,4”, “θe1,1”)",
         f"{len(labels)}: {listed(labels)}",
         judge(len(labels) == 7 and not missing),
-        "seven errors exceed 1 mm in at least one coordinate at one pose, among them the six that the paper names",
+        "seven errors exceed 1 mm in at least one coordinate at some pose, among them the six that the paper names",
         f"besides the six: {listed(others)}; missing: {listed(missing)}; by distance also: {listed(by_distance)}",
         reading="counted by coordinate; the seventh is misprinted, so it may be any error",
         used=True,
