@@ -140,7 +140,7 @@ def both_signs(study: OpenStudy, errors: ErrorSamples) -> Claim:
             for label, (place, share, times) in piles.items()
         ),
         judge(all(near) and len(set(signs.values())) == 2),
-        "both modes are within 1 % of 1.3175, with opposite signs, and have twice a uniform share",
+        "both modes are within 1 % of 1.3175, with opposite signs, and have over twice a uniform share",
         f"4 mrad × half-width {half_width / MM:.1f} mm = {half_width * ANGLE_ERROR_RAD / MM:.3f} mm. With our own "
         "normals, reversed in the lower half, both would be negative: the sign is a convention, the size is not",
         reading="θ1 as θ4 (cf. “αe1,4” in 4.3); all common normals along S_j × S_j+1",
@@ -162,7 +162,7 @@ def pile_theta1(study: OpenStudy, errors: ErrorSamples) -> Claim:
         if values.any()
         else "moves o nowhere",
         judge(abs(abs(place) - PILE_M) < 0.01 * PILE_M and times > 2.0),
-        "the mode is within 1 % of 1.3175 and has twice a uniform share",
+        "the mode is within 1 % of 1.3175 and has over twice a uniform share",
         "two paragraphs earlier section 4.4 itself calls θ1 uniform, like α01: the name is a misprint",
         figures={"range_mm": _range_mm(values), "fullest_mm": place / MM, "share": share, "times_even": times},
     )
