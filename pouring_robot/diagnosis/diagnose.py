@@ -163,7 +163,7 @@ def diagnose(
         FrameFitError: too few rows have a pose and a position.
     """
     options = options or DiagnosisOptions()
-    expect(options, DiagnosisOptions, "options of a diagnosis must be DiagnosisOptions")
+    expect(options, DiagnosisOptions, "options of a diagnosis are DiagnosisOptions")
     campaign, model = campaign_and_model(campaign, model)
     campaign = seen_from_one_place(campaign, model)
     effects = chosen_effects(model.definition, options.exclude)

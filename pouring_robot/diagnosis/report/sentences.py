@@ -250,7 +250,7 @@ def apart_lines(diagnosis: Conclusions) -> list[str]:
         cause = effect.cause
         if cause.alternatives:
             group = {cause.effect, *cause.alternatives}
-            lines.append(f"{', '.join((cause.effect, *cause.alternatives))} have the same effect in this campaign")
+            lines.append(f"{', '.join((cause.effect, *cause.alternatives))} look nearly the same in this campaign")
             pairs = [s for s in diagnosis.suggestion.separations if {s.first, s.second} <= group]
             if diagnosis.suggestion.tells:
                 lines += [f"  {s.first} or {s.second}: {s.how}" for s in pairs]
