@@ -152,7 +152,7 @@ def test_forward_needs_one_value_for_each_drive(drawing):
             fewer = {drive: value for drive, value in drives.items() if drive != name}
             with pytest.raises(BadInputError, match=f"'{name}' is missing; give all of leg1_s3, leg2_s3"):
                 forward(fewer)
-        with pytest.raises(BadInputError, match="'leg2_s33' is no drive; did you mean 'leg2_s3'"):
+        with pytest.raises(BadInputError, match="'leg2_s33' is not a drive; did you mean 'leg2_s3'"):
             forward(drives | {"leg2_s33": 0.5})
         with pytest.raises(BadInputError, match="are a mapping by the names of their joints, not a list"):
             forward(list(drives.values()))

@@ -122,7 +122,7 @@ def test_more_freedom_gives_looser_tolerances(make_plan):
 
 
 def test_correlated_errors_do_not_get_factors_of_their_own(plan):
-    with pytest.raises(BadInputError, match="take 'by: part'"):
+    with pytest.raises(BadInputError, match="use 'by: part'"):
         allocate_tolerances(plan, Allocation(by="parameter"))
 
 

@@ -90,7 +90,7 @@ BAD = {
     ),
     "errors beside tolerances": ({"tolerances": str(ACTUAL)}, "leave one of the two out"),
     "allocation of a branch": ({"kind": "open_branch", "allocation": {}}, "needs kind 'closed_chain'"),
-    "correlated apart": ({"allocation": {"by": "parameter"}}, "take 'by: part'"),
+    "correlated apart": ({"allocation": {"by": "parameter"}}, "use 'by: part'"),
     "other format": ({"format": "pouring_robot/model/1"}, "pouring_robot/sweep/1"),
 }
 
