@@ -388,7 +388,7 @@ def test_an_encoder_that_wraps_is_told(machine):
     (flag,) = check_campaign(damaged(machine.campaign, drives=machine.campaign.drives + wound), machine.drawing)
     assert flag.code == "unreachable_drives"
     assert flag.columns == (machine.campaign.heading(machine.campaign.robot.drives[1].column),)
-    assert "stands whole turns beyond the limits of the joint" in flag.message
+    assert "is whole turns beyond the limits of the joint" in flag.message
 
 
 @pytest.mark.parametrize("machine", ["arm"], indirect=True)
