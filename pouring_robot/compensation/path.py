@@ -104,7 +104,7 @@ def compensate_path(
         UnknownFrameError: there is no such frame.
         ThermalSolutionError: no temperatures are found.
     """
-    expect(heated, HeatedRobot, "a path takes a HeatedRobot; of a cold robot HeatedRobot(robot)")
+    expect(heated, HeatedRobot, "a path takes a HeatedRobot, such as HeatedRobot(robot) of a cold robot")
     wanted = as_poses(poses)
     return PathSearch(heated, wanted, frame, strains_along(heated, wanted, threads, show)).run()
 

@@ -149,5 +149,5 @@ def test_what_cannot_be_done_in_a_batch_is_refused(robot):
 
 
 def test_a_robot_that_is_not_a_heated_one_is_refused(drawing):
-    with pytest.raises(BadInputError, match=r"HeatedRobot\(robot\) of a cold one, not a PouringRobot"):
+    with pytest.raises(BadInputError, match=r"HeatedRobot\(robot\) of a cold robot, not a PouringRobot"):
         compensate_path(drawing, [[0.0, 0.0, -0.6, 0.0]])

@@ -420,7 +420,7 @@ def test_what_lies_far_beyond_what_was_learned_is_named_where_it_makes_too_much(
         said.append(str(problem.value))
     last = bench.campaign.time_s.max()
     assert re.fullmatch(
-        rf"time_s 3.6e\+07 lies outside .* to {last:.6g}, over which .*; there '.* mm is no .*", said[0]
+        rf"time_s 3.6e\+07 lies outside .* to {last:.6g}, over which .*; there '.* mm is too large .*", said[0]
     )
     assert "check the unit" not in said[0] and "measure there" in said[0] and "\n" not in said[0]
     assert "check the unit" in said[1] and "lies outside" not in said[1]
