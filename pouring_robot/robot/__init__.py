@@ -1,6 +1,6 @@
-"""What a robot is to its user: the model file, the robot of the drawing beside the robot as built, where its ladle is.
+"""What a robot is to its user: its model file, the nominal robot and the robot as built, and where its ladle is.
 
-``load_robot(path).locate(pose)`` answers the package's question. What is special about this one robot stands in
+``load_robot(path).locate(pose)`` answers the package's question. What is specific to the pouring robot is in
 :mod:`pouring_robot.robot.pouring`.
 """
 

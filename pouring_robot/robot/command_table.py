@@ -1,4 +1,4 @@
-"""Commands from a table, whose column names carry the units: poses, or drive values of any robot."""
+"""Commands read from a table with units in its column names: poses, or drive values of any robot."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -16,18 +16,17 @@ from pouring_robot.robot.pouring.platform_pose import PLATFORM_POSE, POSE_COLUMN
 
 
 def read_poses(path: Path | str) -> list[PlatformPose]:
-    """Read commanded poses in the file's order; raises as :func:`read_pose_lines`."""
+    """Read commanded poses in the file's order; raises the errors of :func:`read_pose_lines`."""
     return list(read_pose_lines(path).values())
 
 
 def read_pose_lines(
     path: Path | str, beside: Iterable[str] = (), drives: Iterable[Quantity] = ()
 ) -> dict[int, PlatformPose]:
-    """Read commanded poses by line: columns of :data:`PLATFORM_POSE`.
+    """Read commanded poses, by line number, from the columns of :data:`PLATFORM_POSE`.
 
-    Columns ``sample``, which plans have, and ``beside`` may stand there and are left out. Raises TableError where the
-    file cannot be read, another column stands in it, such as one of ``drives``, or one is missing, or a cell is no
-    finite number.
+    The columns ``beside``, and ``sample``, which plans have, are allowed and ignored. Raises TableError where the file
+    cannot be read, has another column, such as one of ``drives``, or lacks one, or where a cell is not a finite number.
     """
     wanted = ", ".join(POSE_COLUMNS)
     table = read_table(path, wanted)
@@ -44,9 +43,10 @@ def read_pose_lines(
 
 
 def read_command_lines(path: Path | str, robot: RobotDefinition) -> dict[int, FloatArray | Target]:
-    """Return drives (drives,), in m and rad, or targets, by line: a column a drive, or x, y, z and maybe rx, ry, rz.
+    """Return drive values (drives,), in m and rad, or targets, by line number.
 
-    Raises TableError where the file cannot be read, a heading is misspelt, both kinds are there, or a value is missing.
+    The table has a column for each drive, or x, y, z and optionally rx, ry, rz. Raises TableError where the file cannot
+    be read, a heading is misspelt, columns of both kinds are present, or a value is missing.
     """
     places = tuple(Quantity(name, "length", part_of="a position") for name in "xyz")
     turns = tuple(Quantity(f"r{name}", "angle", part_of="a rotation vector") for name in "xyz")

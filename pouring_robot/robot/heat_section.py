@@ -1,4 +1,4 @@
-"""How warm a robot is: the section ``heat`` of a model file, and what the command line puts over it.
+"""How warm a robot is: the section ``heat`` of a model file, and how the command line overrides it.
 
 Temperatures are in °C and times in minutes, as people write them. Properties are in the units of ``thermal.yaml``.
 """
@@ -14,7 +14,7 @@ from pouring_robot.io.typed_yaml import StrictModel
 from pouring_robot.robot.pouring.thermal_properties import PARTS, ThermalProperties, load_thermal_properties
 
 LONGEST_MIN = 60.0 * 24.0 * 30.0
-"""A month: every part has settled long before."""
+"""A month: every part has reached its steady temperature long before."""
 
 
 def _temperature(value: float, *, surroundings: bool = False) -> float:
@@ -24,7 +24,7 @@ def _temperature(value: float, *, surroundings: bool = False) -> float:
 
 
 def _melt(value: float) -> float:
-    """Refuse what no melt is, and a ladle colder than any surroundings."""
+    """Refuse an impossible melt temperature, and a ladle colder than any possible surroundings."""
     return _temperature(value, surroundings=value < 0.0)
 
 
@@ -43,13 +43,13 @@ Minutes = Annotated[float, pydantic.AfterValidator(_minutes)]
 class HeatSection(StrictModel):
     """What makes a robot warm."""
 
-    melt_degC: Melt | None = None  # temperature of the melt; left out: that of the properties
-    ambient_degC: Surroundings | None = None  # temperature of the surroundings; left out: that of the properties
-    # how long the melt has been there, everything being as warm as the surroundings before and the pose held; left out:
-    # until nothing changes any more (steady)
+    melt_degC: Melt | None = None  # temperature of the melt; left out: that in the properties
+    ambient_degC: Surroundings | None = None  # temperature of the surroundings; left out: that in the properties
+    # how long the melt has been there: before, everything was at the temperature of the surroundings, and the pose is
+    # held; left out: the steady state
     after_min: Minutes | None = None
-    # measured mean temperature of parts (``leg1`` … ``leg4``, ``platform``, ``fixed_platform``); it takes the place of
-    # the computed one, but not over a shift or at another time than the section's, as it is of one moment
+    # measured mean temperature of parts (``leg1`` … ``leg4``, ``platform``, ``fixed_platform``); it replaces the
+    # computed one, but not in a shift or at another time than the section's, as it holds for one moment
     measured_degC: dict[str, Celsius] = pydantic.Field(default_factory=dict)
     # values that replace those of the shipped ``thermal.yaml``, by section and name, in its units.
     properties: dict[str, dict[str, float]] = pydantic.Field(default_factory=dict)
@@ -64,7 +64,7 @@ class HeatSection(StrictModel):
         return self
 
     def thermal_properties(self) -> ThermalProperties:
-        """Return the shipped properties, this section's in place; raises ValueError where a name or value is wrong."""
+        """Return the shipped properties with this section's values; raises ValueError for a wrong name or value."""
         shipped = load_thermal_properties()
         content = shipped.model_dump()
         for section, values in self.properties.items():
@@ -88,14 +88,14 @@ class HeatSection(StrictModel):
 
     @property
     def temperatures_degC(self) -> tuple[float, float]:
-        """Melt and surroundings; what is not said is that of the properties."""
+        """Temperatures of melt and surroundings; one that is not given is that in the properties."""
         properties = self.thermal_properties()
         melt = properties.melt.temperature.value if self.melt_degC is None else self.melt_degC
         return melt, properties.ambient.temperature.value if self.ambient_degC is None else self.ambient_degC
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What is odd of the melt and cannot be ruled out, in a line each."""
+        """Warnings about an implausible but possible melt temperature, a line each."""
         melt, hall = self.temperatures_degC
         if melt > IRON_IN_KELVIN:
             odd = f"probably one at {melt - ZERO_CELSIUS_K:g} degC, given in kelvin; check the unit"
@@ -106,9 +106,9 @@ class HeatSection(StrictModel):
         return (f"a melt at {melt:g} degC is {odd}",)
 
     def with_values(self, **values: Any) -> Self:
-        """Return the section with some values replaced; raises BadInputError where a value is impossible; names it.
+        """Return the section with some values replaced; raises BadInputError that names an impossible value.
 
-        What was measured is of one moment, and takes no part at another time.
+        Measured temperatures hold for one moment and are dropped at another time.
         """
         try:
             changed = type(self).model_validate(self.model_dump() | values)

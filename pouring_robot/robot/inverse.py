@@ -1,8 +1,9 @@
-"""Inverse kinematics: drive values that bring a body of any robot to a pose, its place first, then its attitude.
+"""Inverse kinematics: drive values that bring a body of any robot to a pose, its position first, then its attitude.
 
-Newton on the exact Jacobian of the closed mechanism, G by its drives, from several starts (:func:`search`). A robot of
-fewer than six freedoms commands the place as far as it can, and turns with what is left: a delta only places, an arm
-does both. The pouring robot's poses have a closed form: :mod:`pouring_robot.robot.pouring.kinematics`.
+Newton's method with the exact Jacobian of the closed mechanism (G for its drives), from several starts
+(:func:`search`). A robot with fewer than six degrees of freedom meets the position as far as it can and uses the
+remaining freedoms for the attitude: a delta only positions, an arm does both. The pouring robot has a closed form:
+:mod:`pouring_robot.robot.pouring.kinematics`.
 """
 
 import contextlib
@@ -23,11 +24,11 @@ from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.description.drawing import Drawing
 
 REACHED, _SETTLED = 1e-9, 1e-11
-"""A target is met when place and attitude are this near, in m and rad; Newton goes on to a hundredth of that."""
+"""A target is met when position and attitude are this near, in m and rad; Newton goes on to a hundredth of that."""
 _MOST_STEPS = 60
 _MOST_TRIES = 12
-_SINGULAR = 1e-7  # of the drawing, whose directions are commanded or exactly not
-_ROUNDED = 1e-6  # how far from orthonormal the axes of a rotation are that was written or added up
+_SINGULAR = 1e-7  # for the drawing, whose directions are either commanded or exactly not
+_ROUNDED = 1e-6  # how far from orthonormal rounding may leave the axes of a rotation
 _LONGEST = {"m": 0.1, "rad": 0.3}
 
 Close = Callable[[FloatArray, FloatArray], ClosureResult]
@@ -36,7 +37,7 @@ Close = Callable[[FloatArray, FloatArray], ClosureResult]
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Where a frame of the end body is wanted, in the base, or BadInputError if that is no place and no attitude."""
+    """The wanted pose of a frame of the end body, in the base; raises BadInputError if it is not a valid pose."""
 
     position_m: FloatArray  # of its origin, shape (3,), in m
     rotation: FloatArray | None = None  # of its axes, shape (3, 3); None: any
@@ -64,23 +65,23 @@ class InverseSolution:
 
     drives: FloatArray  # drive values to command, shape (drives,), in m and rad
     result: ClosureResult  # the robot closed with them
-    left: FloatArray  # what is missing, as :meth:`Target.left`.
-    ranks: tuple[int, int]  # how many freedoms the drives command here: of the place, and of the attitude beside it
-    settled: bool  # whether the last step moved nothing any more
+    left: FloatArray  # remaining error, as :meth:`Target.left` returns it
+    ranks: tuple[int, int]  # how many freedoms the drives command here: of the position, and besides of the attitude
+    settled: bool  # whether the iteration converged
 
     @property
     def met(self) -> bool:
-        """Whether nothing is missing."""
+        """Whether the target is reached."""
         return max(self.place_m, self.angle_rad) < REACHED
 
     @property
     def place_m(self) -> float:
-        """How far the place is missed, in m."""
+        """Remaining position error, in m."""
         return float(np.linalg.norm(self.left[:3]))
 
     @property
     def angle_rad(self) -> float:
-        """How far the attitude is missed, in rad."""
+        """Remaining attitude error, in rad."""
         return float(np.linalg.norm(self.left[3:]))
 
 
@@ -91,14 +92,14 @@ def search(
     starts: Iterable[tuple[FloatArray, FloatArray]],
     refuse: Callable[[InverseSolution], None],
 ) -> InverseSolution:
-    """Return what meets a target, as :func:`bring` finds it from the first start that leads there.
+    """Return the solution for a target that :func:`bring` finds from the first start that leads there.
 
-    ``starts`` are drives (drives,) and configurations (nq,); ``refuse`` raises UnreachablePoseError where joints are
-    beyond their limits.
+    ``starts`` are drive values (drives,) and configurations (nq,); ``refuse`` raises UnreachablePoseError where joints
+    are beyond their limits.
 
     Raises:
-        NoSolutionError: no start leads there; of the refusals a joint's limit is told first, then the nearest pose.
-        BadInputError: the target leaves drives open.
+        NoSolutionError: no start leads there; of the reasons a joint's limit comes first, then the nearest pose.
+        BadInputError: the target does not determine all drives.
     """
     refusals: list[NoSolutionError] = []
     asked, redundant = 3 if target.rotation is None else 6, redundant_drives(solver.mechanism)
@@ -120,7 +121,7 @@ def search(
         return found
     best = min(refusals, key=_preferred, default=NoSolutionError("the robot closes nowhere near its home"))
     if not isinstance(best, UnreachablePoseError | UnreachableTargetError):
-        why = str(best).partition(";")[0]  # what follows mends drive values, and nobody gave any
+        why = str(best).partition(";")[0]  # the rest advises on drive values, and the user gave none
         raise NoSolutionError(f"the pose is out of reach: on the way to it {why}") from best
     raise best
 
@@ -128,9 +129,9 @@ def search(
 def starts_near(
     target: Target, drawing: Drawing, home: FloatArray, workspace: Callable[[], tuple[FloatArray, BatchStart]]
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield drives and configurations from which to search: home (drives,), then the workspace, the nearest first.
+    """Yield drive values and configurations to start from: home (drives,), then the nearest poses of the workspace.
 
-    ``workspace`` returns drives (n, drives) and poses spread over it, where they are needed.
+    ``workspace`` returns drive values (n, drives) and poses spread over it; it is only called where they are needed.
     """
     with contextlib.suppress(NoSolutionError):
         yield home, drawing.configuration_at(home)
@@ -143,7 +144,7 @@ def starts_near(
 
 
 def _preferred(refusal: NoSolutionError) -> tuple[int, float]:
-    """Return a key by which refusals sort: a joint's limit first, then the nearest pose, then what does not close."""
+    """Return a key that sorts reasons: a joint's limit first, then the nearest pose, then a closure that failed."""
     if isinstance(refusal, UnreachableTargetError):
         return 1, float(np.abs(refusal.left).max())
     return 0 if isinstance(refusal, UnreachablePoseError) else 2, 0.0
@@ -157,10 +158,11 @@ def bring(
     start: FloatArray,
     ranks: tuple[int, int] | None = None,
 ) -> InverseSolution:
-    """Return the drives nearest to a target that Newton finds from ``drives`` (m, rad) and ``start``, (nq,).
+    """Return the drive values nearest to a target that Newton finds from ``drives`` (m, rad) and ``start``, (nq,).
 
-    ``close`` closes the robot of the solver; ``ranks`` are those of the drawing, as errors make a robot as built seem
-    to command what its drives hardly move, or None: found on the way. What does not close or is singular there raises.
+    ``close`` closes the robot of the solver. ``ranks`` are those of the drawing, because errors make a robot as built
+    seem to command directions that its drives hardly move; None: determined on the way. Raises where the robot does not
+    close or is singular.
     """
     mechanism, base = solver.mechanism, solver.mechanism.loops.base_frame
     parameters, redundant = drive_parameters(mechanism), redundant_drives(mechanism)
@@ -183,15 +185,15 @@ def bring(
 
 
 def settled(size: FloatArray | float, before: FloatArray | float) -> BoolArray:
-    """Return whether Newton ends where so much is left or stepped after so much before it, in m or rad, any shape.
+    """Return whether Newton has converged, from its last residual or step and the one before (m or rad, any shape).
 
-    Round-off may end the way a little earlier; what was reached is then reported as it is.
+    Round-off may end the iteration a little earlier; the result is then reported as it is.
     """
     return np.asarray((size < _SETTLED) | ((size < REACHED) & (size > 0.5 * before)))
 
 
 def limited(step: FloatArray, mechanism: ClosedChainMechanism) -> FloatArray:
-    """Return Newton steps of a mechanism's drives, (..., drives), none of them longer than :func:`longest_steps`."""
+    """Return Newton steps of a mechanism's drives, (..., drives), scaled to be no longer than :func:`longest_steps`."""
     longest = longest_steps(mechanism)
     return np.asarray(step / np.maximum(1.0, np.abs(step / longest).max(axis=-1, keepdims=True)))
 
@@ -199,8 +201,8 @@ def limited(step: FloatArray, mechanism: ClosedChainMechanism) -> FloatArray:
 def longest_steps(mechanism: ClosedChainMechanism) -> FloatArray:
     """Return the longest step of each drive of a mechanism, (drives,), in m and rad.
 
-    It takes no joint that the drive moves, itself or what mimics it, further than 0.1 m or 0.3 rad. One that carries
-    nothing does not count: a nut may turn as often as its screw is long.
+    It moves no joint of the drive, its own or one that mimics it, further than 0.1 m or 0.3 rad. Joints that carry
+    nothing do not count: a nut may turn as often as its screw is long.
     """
 
     def longest(drive: str) -> float:
@@ -212,7 +214,7 @@ def longest_steps(mechanism: ClosedChainMechanism) -> FloatArray:
 
 
 def freedoms(solver: ClosureSolver, result: ClosureResult, target: Target) -> tuple[int, int]:
-    """Return how many freedoms of a target the drives command at a closure, as :attr:`InverseSolution.ranks`."""
+    """Return how many freedoms of a target the drives command at a closed pose, as :attr:`InverseSolution.ranks`."""
     mechanism = solver.mechanism
     frame = target.frame or str(mechanism.loops.end_frame)
     matrix = closed_chain_transfer(solver, result, drive_parameters(mechanism), frame).matrix
@@ -222,7 +224,7 @@ def freedoms(solver: ClosureSolver, result: ClosureResult, target: Target) -> tu
 def _step(
     matrix: FloatArray, left: FloatArray, turned: bool, ranks: tuple[int, int] | None
 ) -> tuple[FloatArray, tuple[int, int]]:
-    """Return the step of the drives that cancels what is left, (drives,), and the freedoms that it uses."""
+    """Return the step of the drives that cancels the remaining error, (drives,), and the ranks that it uses."""
     sizes = np.linalg.norm(matrix, axis=0)
     scaled = matrix / np.where(sizes > 0.0, sizes, 1.0)
     place, placed = _inverse(scaled[:3], ranks and ranks[0])
@@ -235,13 +237,13 @@ def _step(
 
 
 def _agreeing(step: FloatArray, matrix: FloatArray, apart: FloatArray, slopes: FloatArray) -> FloatArray:
-    """Return a step of redundant drives that also takes away what they disagree by, (r,), by its slopes (r, drives)."""
+    """Return a step of redundant drives that also removes their disagreement (r,), by its Jacobian (r, drives)."""
     still = np.eye(len(step)) - np.linalg.pinv(matrix, _SINGULAR) @ matrix
     return np.asarray(step - np.linalg.pinv(slopes @ still) @ (apart + slopes @ step))
 
 
 def _inverse(matrix: FloatArray, rank: int | None) -> tuple[FloatArray, int]:
-    """Return the pseudo-inverse of a matrix (3, n) by its strongest directions, and how many they are."""
+    """Return the pseudo-inverse of a matrix (3, n), truncated to its largest singular values, and its rank."""
     u, s, vt = np.linalg.svd(matrix, full_matrices=False)
     kept = int(np.count_nonzero(s > _SINGULAR)) if rank is None else rank
     return vt[:kept].T @ ((u[:, :kept] / s[:kept]).T), kept

@@ -1,4 +1,4 @@
-"""Where the ladle should be and where it is: for one command with all that was found, for many as a table."""
+"""Where the ladle should be and where it is: for one command with all details, for many as a dataset."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ OUT_OF_REACH = "out of reach"
 class Location(Result):
     """Nominal and actual pose of any robot for one command. Locations compare by identity."""
 
-    drives: dict[str, float]  # drive values that are commanded, in m and rad
-    nominal: ClosureResult  # the closed robot of the drawing
-    # the closed robot as built at the same commands; its drives stand at command plus their offsets
+    drives: dict[str, float]  # commanded drive values, in m and rad
+    nominal: ClosureResult  # closed nominal robot
+    # closed robot as built at the same command; its drives are at the command plus their offsets
     actual: ClosureResult
-    reach: tuple[JointReach, ...]  # every joint of the drawing that has limits, the most limiting first
+    reach: tuple[JointReach, ...]  # every joint of the drawing that has limits, the one nearest to a limit first
 
     @property
     def loops(self) -> LoopsFile:
-        """The declaration of the mechanism: it names base, end and tool frames."""
+        """The mechanism's loops file, which names base, end and tool frames."""
         return self.nominal.mechanism.loops
 
     def poses(self, frame: str) -> tuple[pin.SE3, pin.SE3]:
@@ -55,7 +55,7 @@ class Location(Result):
 
     @property
     def command(self) -> str:
-        """What was commanded, in mm and degrees."""
+        """The commanded drive values, in mm and degrees."""
         return ", ".join(drive_words(self.nominal.mechanism, self.drives))
 
     @property
@@ -73,7 +73,7 @@ class Location(Result):
         )
 
     def _table(self) -> Any:
-        """One row a frame: nominal and actual position in mm, error in mm and mrad."""
+        """One row per frame: nominal and actual position in mm, error in mm and mrad."""
         rows = []
         for frame in self.loops.reported_frames:
             nominal, actual = self.poses(frame)
@@ -87,7 +87,7 @@ class Location(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LadleLocation(ReadOnly, Location):
-    """Where the ladle of the pouring robot should be and is for one commanded pose. Arrays are read-only."""
+    """Nominal and actual pose of the pouring robot's ladle for one commanded pose. Arrays are read-only."""
 
     commanded: PlatformPose  # the pose the controller was asked for
     outside_workspace_m: FloatArray  # by how far the position leaves the workspace box, per axis, in m; zero inside
@@ -122,7 +122,7 @@ def error_dataset(
 ) -> xr.Dataset:
     """Return nominal and actual poses, (n, frames, 3, 4) each, as a dataset with their differences.
 
-    ``status`` says of each pose whether it is closed, otherwise it is NaN; ``coordinates`` what was commanded.
+    A pose whose ``status`` is not closed becomes NaN; ``coordinates`` are the commands.
     """
     import xarray as xr
 

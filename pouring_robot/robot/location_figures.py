@@ -1,4 +1,4 @@
-"""Ladle locations as plain figures in mm, mrad and degrees: what the command line prints and writes as JSON."""
+"""Ladle locations as plain numbers in mm, mrad and degrees: what the command line prints and writes as JSON."""
 
 import math
 from typing import Any
@@ -50,14 +50,14 @@ def _frame_figures(location: Location, frame: str) -> Figures:
 
 
 def location_figures(location: Location, dexterity: Dexterity, weakness: AxisWeakness | None = None) -> Figures:
-    """Return everything known of one location, ready for JSON; units are in the names.
+    """Return all figures of one location, ready for JSON; units are in the names.
 
-    The internal load is what the joints are forced by because the chains over-constrain the platform. Each loop's force
-    and torque are those with which its second frame pulls at the first one's chain, in the axes of the second frame.
-    They follow from the stiffness in the loops file, which is assumed.
+    The internal load is the force on the joints that arises because the chains over-constrain the platform. Each loop's
+    force and torque act from its second frame on the chain of the first one, in the axes of the second frame. They
+    follow from the stiffness in the loops file, which is assumed.
     """
     actual, figures = location.actual, Figures()
-    if isinstance(location, LadleLocation):  # of a robot that is commanded by poses
+    if isinstance(location, LadleLocation):  # this robot is commanded by poses
         figures |= {
             "commanded": location.commanded.figures(),
             "in_workspace": location.in_workspace,

@@ -1,9 +1,9 @@
-"""The model file: one YAML that says how this robot differs from the drawing.
+"""The model file: one YAML file that says how this robot differs from the drawing.
 
-It names a layout, the placement errors of joints and the offsets of drives. It is kept in the units people write (mm,
-mrad), so that reading and writing again changes no digit; SI values come out of :meth:`RobotModel.displacements` and
-:meth:`RobotModel.drive_offset_values`. Where a file of the robot's description is broken what needs it raises
-DescriptionError, where there is no such layout UnknownLayoutError.
+It names a layout, the placement errors of joints and the offsets of drives. Values stay in the units people write (mm,
+mrad), so that reading and writing again changes no digit; :meth:`RobotModel.displacements` and
+:meth:`RobotModel.drive_offset_values` return SI values. Methods that need the robot's description raise
+DescriptionError where one of its files is wrong, and UnknownLayoutError where the layout does not exist.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from pouring_robot.robot.pouring.names import DEFAULT_LAYOUT
 Triple = tuple[float, float, float]
 _ZERO: Triple = (0.0, 0.0, 0.0)
 _LARGEST_SHARE = 0.1
-"""Of the robot's reach: more is a mistake of units or another robot, not an error of this one."""
+"""Largest error as a share of the robot's reach: a larger one is a wrong unit or another robot."""
 _LARGEST_MRAD = {"placement error": (100.0, ""), "drive offset": (200.0 * np.pi, ", a tenth of a turn")}
-"""The same of turns: a link turned by 100 mrad moves what it carries by a tenth of how far off that is. The zero of a
-drive hangs on no part's shape but on how it was homed, and may be teeth of a gear off."""
+"""Largest angular errors: a link turned by 100 mrad moves what it carries by a tenth of its distance. The zero of a
+drive depends on how it was homed, not on the shape of a part, and may be off by several teeth of a gear."""
 
 
 class JointPlacement(StrictModel):
@@ -50,22 +50,22 @@ class JointPlacement(StrictModel):
     rotation_mrad: Triple = _ZERO  # rotation vector that turns its nominal axes into the actual ones
 
     def to_se3(self) -> pin.SE3:
-        """Return the displacement as a pose: of the actual placement in the nominal one."""
+        """Return the displacement as the pose of the actual placement in the nominal one."""
         return pin.SE3(pin.exp3(np.array(self.rotation_mrad) * MRAD), np.array(self.translation_mm) * MM)
 
     @classmethod
     def from_se3(cls, pose_nominal_to_actual: pin.SE3) -> JointPlacement:
-        """Take a displacement given as a pose."""
+        """Make a displacement from the pose of the actual placement in the nominal one."""
         expect(pose_nominal_to_actual, pin.SE3, "a displacement is a pinocchio.SE3")
         shift, turn = pose_nominal_to_actual.translation / MM, pin.log3(pose_nominal_to_actual.rotation) / MRAD
         return cls(translation_mm=tuple(shift.tolist()), rotation_mrad=tuple(turn.tolist()))
 
 
 class DriveOffset(StrictModel):
-    """By how much a drive stands beyond its command: one of the two, as the drive is a length or an angle."""
+    """How far a drive is beyond its command: one of the two values, as the drive is a length or an angle."""
 
-    offset_mm: float | None = None  # of a drive that slides
-    offset_mrad: float | None = None  # of one that turns
+    offset_mm: float | None = None  # of a linear drive
+    offset_mrad: float | None = None  # of a rotary drive
 
     @pydantic.model_validator(mode="after")
     def _one(self) -> DriveOffset:
@@ -90,15 +90,15 @@ class RobotModel(StrictModel):
     description: str = ""  # a line for people
     robot: str | None = None  # robot file of another robot than the pouring robot
     layout: str = DEFAULT_LAYOUT  # name of the pouring robot's layout in the dimensions file
-    layouts_file: str | None = None  # another dimensions file than the shipped one
+    layouts_file: str | None = None  # dimensions file that replaces the shipped one
     joint_placements: dict[str, JointPlacement] = pydantic.Field(default_factory=dict)
     drive_offsets: dict[str, DriveOffset] = pydantic.Field(default_factory=dict)  # added to commands
     heat: HeatSection | None = None  # how warm it is; left out: as cold as the drawing
     effects: list[EffectEntry] = pydantic.Field(default_factory=list)  # found by diagnosis, the oldest first
-    learned: dict[str, LearnedCampaign] = pydantic.Field(default_factory=dict)  # in which effects were learned
+    learned: dict[str, LearnedCampaign] = pydantic.Field(default_factory=dict)  # campaigns effects were learned from
 
     _file: Path | None = pydantic.PrivateAttr(default=None)
-    _folder: Path = pydantic.PrivateAttr(default_factory=Path)  # of the file, wherever the process goes meanwhile
+    _folder: Path = pydantic.PrivateAttr(default_factory=Path)  # of the file; absolute, as the process may change its
     _placed: dict[str, JointPlacement] = pydantic.PrivateAttr(default_factory=dict)
     _defined: tuple[Any, RobotDefinition] | None = pydantic.PrivateAttr(default=None)
 
@@ -115,17 +115,17 @@ class RobotModel(StrictModel):
 
     @classmethod
     def for_robot(cls, robot: RobotDefinition | Path | str) -> RobotModel:
-        """Return the drawing of a robot, or of its robot file."""
+        """Return the nominal model of a robot, given its definition or robot file."""
         path = robot.path if isinstance(robot, RobotDefinition) else as_path(robot)
         model = cls(robot=str(path.absolute()))
         if isinstance(robot, RobotDefinition):
             model._defined = (model.robot_path, model.layout, model.layouts_path), robot
-        model.definition  # noqa: B018 - what is wrong with the file is to be said now
+        model.definition  # noqa: B018 - report errors in the file now
         return model
 
     @classmethod
     def load(cls, path: Path | str) -> RobotModel:
-        """Read a model file, or the drawing of a robot file; raises DescriptionError where something in it is wrong."""
+        """Read a model file, or the nominal model of a robot file; raises DescriptionError where it is wrong."""
         path = as_path(path)
         content = read_yaml(path, "a model file, YAML")
         if content.get("format") == ROBOT_FORMAT:
@@ -146,19 +146,19 @@ class RobotModel(StrictModel):
         return model
 
     def fault(self, problem: str) -> BadInputError:
-        """Return the error of what is wrong with the model; it names the file, where the model is from one."""
+        """Return the error for a problem with the model; it names the model file, if there is one."""
         return DescriptionError(self._file, problem) if self._file else BadInputError(problem)
 
     @classmethod
     def of(cls, model: RobotModel | Path | str | None) -> RobotModel:
-        """Return a model: itself, of its file, or (None) the default drawing; raises BadInputError for all else."""
+        """Return a model: itself, of its file, or (None) the default drawing; raises BadInputError otherwise."""
         if isinstance(model, Path | str):
             return cls.load(model)
         expect(model, RobotModel | None, "a model is a RobotModel or the path of its file")
         return model or cls()
 
     def __eq__(self, other: object) -> bool:
-        """Compare what the files say and which dimensions file they mean, not where the model files lie."""
+        """Compare the contents of the files and the dimensions file they refer to, not where the model files are."""
         if not isinstance(other, RobotModel):
             return NotImplemented
         here, there = (model.layouts_path and model.layouts_path.resolve() for model in (self, other))
@@ -168,14 +168,14 @@ class RobotModel(StrictModel):
     __hash__ = None  # type: ignore[assignment]
 
     def save(self, path: Path | str, *, overwrite: bool = False) -> Path:
-        """Write the model file, whole or not at all, without defaults.
+        """Write the model file atomically, without defaults.
 
-        Raises OutputError where that is impossible, or the file is there already and ``overwrite`` is not set.
+        Raises OutputError where that is impossible, or the file exists already and ``overwrite`` is not set.
         """
         return write_whole(path, self.file_text(as_path(path).parent), overwrite=overwrite)
 
     def file_text(self, folder: Path) -> str:
-        """Return what the model file says when it stands in a folder."""
+        """Return the text of the model file for a folder, to which its paths are relative."""
         content: dict[str, Any] = {"format": self.format}
         content |= {"robot": ""} if self.robot else {"layout": self.layout}
         content |= self.model_dump(mode="json", exclude_defaults=True)
@@ -187,7 +187,7 @@ class RobotModel(StrictModel):
 
     @property
     def file(self) -> Path | None:
-        """The model file it was read from, as that was named; None if it was not."""
+        """The model file it was read from, as the caller named it; None if it was not read from a file."""
         return self._file
 
     @property
@@ -202,7 +202,7 @@ class RobotModel(StrictModel):
 
     @property
     def definition(self) -> RobotDefinition:
-        """The robot of the drawing: URDF, loops, drives, names."""
+        """Definition of the nominal robot: URDF, loops, drives, names."""
         wanted = (self.robot_path, self.layout, self.layouts_path)
         if self._defined is None or self._defined[0] != wanted:
             path, layout = self.robot_path, (self.layout, self.layouts_path)
@@ -211,12 +211,12 @@ class RobotModel(StrictModel):
 
     @property
     def named(self) -> dict[str, str]:
-        """Which robot it is, for figures: by name, or by the layout of the pouring robot."""
+        """Which robot it is, for printed figures: by name, or by the layout of the pouring robot."""
         return {"robot": self.definition.name} if self.robot else {"layout": self.layout}
 
     @property
     def is_drawing(self) -> bool:
-        """Whether the model says nothing that makes the robot as built differ from the drawing."""
+        """Whether the model has no placement error and no drive offset."""
         return not self.drive_offsets and all(error == JointPlacement() for error in self.joint_placements.values())
 
     @property
@@ -225,7 +225,7 @@ class RobotModel(StrictModel):
         return tuple(dict.fromkeys(entry.effect for entry in self.effects if not entry.placed))
 
     def cautions(self, name: str = "the model") -> tuple[str, ...]:
-        """Return, in a line each, why the model called ``name`` is not to be used."""
+        """Return the reasons, a line each, why the model called ``name`` should not be used."""
         worse = (campaign for campaign, learned in self.learned.items() if learned.worse)
         said = "rows held out there fit worse than without it: do not use it"
         return tuple(f"{name} with what it learned in '{campaign}': {said}" for campaign in worse)
@@ -233,9 +233,9 @@ class RobotModel(StrictModel):
     def left_out(
         self, who: str, name: str = "the model", *, warm: bool = False, under: bool = False
     ) -> tuple[str, ...]:
-        """Return, in a line each, what ``who`` takes the robot as it stands leaves out of the model called ``name``.
+        """Return, a line each, which parts of the model called ``name`` the caller ``who`` ignores.
 
-        Nothing is said of heat and of effects that depend on conditions where they are cared for (``warm``, ``under``).
+        Heat is not mentioned if the caller handles it (``warm``), nor are conditional effects if it does (``under``).
         """
         lines = []
         if self.heat is not None and not warm:
@@ -246,7 +246,7 @@ class RobotModel(StrictModel):
         return tuple(lines)
 
     def warn_of_left_out(self, who: str, name: str = "the model") -> None:
-        """Warn whoever called the library of what ``who``, a part of it, leaves out, and of :meth:`cautions`."""
+        """Warn the library's user of what ``who``, a part of the library, ignores, and of :meth:`cautions`."""
         lines, frame, level = (*self.cautions(name), *self.left_out(who, name)), sys._getframe(), 1
         while lines and frame.f_back and frame.f_globals.get("__name__", "").startswith("pouring_robot."):
             frame, level = frame.f_back, level + 1
@@ -254,7 +254,7 @@ class RobotModel(StrictModel):
             warnings.warn(line, stacklevel=level)
 
     def displacements(self) -> dict[str, pin.SE3]:
-        """Return how joints are displaced, as poses: of the actual placement in the nominal one."""
+        """Return the displacement of each joint as the pose of its actual placement in the nominal one."""
         return {joint: error.to_se3() for joint, error in self.joint_placements.items()}
 
     def drive_offset_values(self) -> dict[str, float]:
@@ -262,12 +262,12 @@ class RobotModel(StrictModel):
         return {drive: offset.to_si() for drive, offset in self.drive_offsets.items()}
 
     def standing(self, commands: FloatArray) -> FloatArray:
-        """Return where the drives stand for commands (..., drives), in m and rad: beyond them by their offsets."""
+        """Return the values of the drives for commands (..., drives), in m and rad: the commands plus the offsets."""
         offsets = self.drive_offset_values()
         return np.asarray(commands + np.array([offsets.get(drive.joint, 0.0) for drive in self.definition.drives]))
 
     def displaced(self, placements: Mapping[str, pin.SE3], drives: Mapping[str, float]) -> RobotModel:
-        """Return the robot with joints displaced further, by poses in their present placements, and drives (m, rad)."""
+        """Return the model with further displacements, as poses in the present placements, and offsets (m, rad)."""
         joints = dict(self.joint_placements)
         for joint, moved in placements.items():
             joints[joint] = JointPlacement.from_se3(joints[joint].to_se3() * moved if joint in joints else moved)
@@ -279,9 +279,9 @@ class RobotModel(StrictModel):
         return self.model_copy(update={"joint_placements": joints, "drive_offsets": offsets})
 
     def check_errors(self) -> None:
-        """Raise BadInputError unless each offset is one of a drive in its unit, and no error is too large to be one.
+        """Raise BadInputError where an offset is of no drive or in the wrong unit, or an error is implausibly large.
 
-        More than a tenth of the robot's reach, or 100 mrad, is; of a drive that turns, more than a tenth of a turn.
+        That is more than a tenth of the robot's reach, or 100 mrad; for a rotary drive, more than a tenth of a turn.
         """
         drives = {drive.joint: drive for drive in self.definition.drives} if self.drive_offsets else {}
         for joint, offset in self.drive_offsets.items():
@@ -292,12 +292,12 @@ class RobotModel(StrictModel):
                 raise BadInputError(f"drive_offsets: '{joint}' needs {wanted}")
             self._check_size(joint, "drive offset", (offset.offset_mm or 0.0,), (offset.offset_mrad or 0.0,))
         for joint, error in self.joint_placements.items():
-            if error != self._placed.get(joint):  # they were checked as offsets
+            if error != self._placed.get(joint):  # equal ones were checked as offsets
                 self._check_size(joint, "placement error", error.translation_mm, error.rotation_mrad)
 
     def _check_size(self, joint: str, kind: str, lengths_mm: tuple[float, ...], turns_mrad: tuple[float, ...]) -> None:
         length, turn = (max(values, key=abs) for values in (lengths_mm, turns_mrad))
-        # Axes that all meet in a point leave the drawing no length that an error could be held against.
+        # If all axes meet in a point, the drawing has no length to compare an error with.
         limit = _LARGEST_SHARE * (self.definition.reach_m or np.inf) / MM if length else 0.0
         limit_mrad, of = _LARGEST_MRAD[kind]
         for value, most, unit, why in (
@@ -310,9 +310,9 @@ class RobotModel(StrictModel):
                 )
 
     def urdf(self) -> str:
-        """Return the robot as built as URDF: the drawing with every joint displaced by its error.
+        """Return the URDF of the robot as built: the drawing with every joint displaced by its error.
 
-        Raises UnknownJointError where there is no such joint, BadInputError where the tree is cut at it.
+        Raises UnknownJointError where a joint does not exist, BadInputError where the tree is cut at it.
         """
         drawn, loops = self.definition.urdf(), self.definition.loops
         for joint in loops.cut_joints:
@@ -328,8 +328,8 @@ class RobotModel(StrictModel):
     def with_offsets_placed(self) -> RobotModel:
         """Return the same robot with each drive's offset as a displacement of its joint along or about its axis.
 
-        A joint's placement M moved by an offset o and then by the command q is M moved by q + o. What mimics a drive no
-        longer sees its offset, and is displaced by its own share of it.
+        A joint's placement M moved by an offset o and then by the command q is M moved by q + o. A joint that mimics
+        the drive no longer receives its offset, and is displaced by its own share of it.
         """
         if not self.drive_offsets:
             return self
@@ -342,11 +342,11 @@ class RobotModel(StrictModel):
             placed[name] = JointPlacement.from_se3(present * pin.exp6(pin.Motion(axis * offset)))
         placements = {**self.joint_placements, **placed}
         moved = self.model_copy(update={"joint_placements": placements, "drive_offsets": {}})
-        moved._placed = placed  # a spindle that follows a slide may turn far for a small offset of it
+        moved._placed = placed  # a spindle that follows a slide may turn far for a small offset of the slide
         return moved
 
     def mechanism(self) -> ClosedChainMechanism:
-        """Return the mechanism as built."""
+        """Return the mechanism of the robot as built."""
         drawn = self.definition
         return ClosedChainMechanism(
             self.urdf(), drawn.loops, drawn.path, built_in=self.displacements(), home=drawn.file.home

@@ -1,7 +1,7 @@
-"""The catalogue of a robot: every local parameter of its chains by name, and the sets in which people ask for them.
+"""The parameter catalogue of a robot: every local parameter of its chains by name, and named sets of parameters.
 
 A parameter is the offset of a drive (``drive.<joint>``), a component of a joint's placement error (``<joint>.tx``), or
-an error of the DH table (``alpha_e1_56``). Calibration, planning, sweeps and diagnosis choose from this one list.
+an error of the DH table (``alpha_e1_56``). Calibration, planning, sweeps and diagnosis all choose from this list.
 
     [p.name for p in robot.parameters.match("centres")]        # a set, a group, a name or a shell pattern
 """
@@ -21,13 +21,13 @@ from pouring_robot.robot.dh.table import DHParameter
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number that may be wrong."""
+    """One geometric parameter that may have an error."""
 
     name: str  # as in files and on the command line
-    chain: int  # number of the chain it lies in; 0 in a robot whose chains have no numbers
+    chain: int  # number of its chain; 0 in a robot whose chains have no numbers
     part: str  # the part of the machine it is measured on
     local: GeometricParameter  # the same as a local parameter, for the error-transfer matrix
-    dh: DHParameter | None = None  # the number of the DH table that it is an error of, if it is one
+    dh: DHParameter | None = None  # the DH parameter that it is an error of, if any
 
     @property
     def unit(self) -> str:
@@ -36,7 +36,7 @@ class Parameter:
 
     @property
     def hidden_by(self) -> str:
-        """Why measurements cannot show it as an error of its own; empty if they can."""
+        """Why measurements cannot identify it as a separate error; empty if they can."""
         if self.dh is None:
             return ""
         return self.dh.reason or (f"it is drive.{self.dh.moves_with}" if self.dh.role == "drive" else "")
@@ -44,15 +44,15 @@ class Parameter:
 
 @dataclass(frozen=True)
 class ParameterGroup:
-    """Parameters that one physical cause moves together: kept or dropped together by calibration."""
+    """Parameters that one physical cause changes together; calibration keeps or drops them together."""
 
-    name: str  # short
+    name: str  # short name
     meaning: str  # what it is on the machine
-    parameters: tuple[GeometricParameter, ...]  # its parameters
+    parameters: tuple[GeometricParameter, ...]  # members of the group
 
 
 class ParameterCatalogue:
-    """Everything that can be wrong with the geometry of a robot, by name: DH table, joint placements, drives."""
+    """All possible errors of a robot's geometry, by name: DH table, joint placements, drives."""
 
     def __init__(self, definition: RobotDefinition, nominal: ClosedChainMechanism | None = None) -> None:
         nominal = nominal or definition.drawing().mechanism
@@ -75,7 +75,7 @@ class ParameterCatalogue:
     def match(self, name: str) -> tuple[Parameter, ...]:
         """Return the parameters of a set, a group, a name or a shell pattern; raises BadInputError where there is none.
 
-        A pattern means the errors of the machine: DH numbers that drop out must be asked for by their full names.
+        A pattern matches errors of the machine only: DH parameters that drop out must be named in full.
         """
         expect(name, str, "parameters are asked for by name")
         if name in self.parameters:
@@ -95,9 +95,9 @@ class ParameterCatalogue:
         return tuple(found.values())
 
     def groups(self, wanted: Sequence[str] = ("geometry",)) -> tuple[ParameterGroup, ...]:
-        """Return what is to be identified: groups of sets, groups and patterns, each parameter in the first only.
+        """Return the groups to identify, from sets, groups and patterns; a parameter is in the first that matches.
 
-        Raises BadInputError where a name matches nothing that measurements can show, or nothing is wanted.
+        Raises BadInputError where a name matches nothing that measurements can identify, or no name is given.
         """
         taken: set[str] = set()
         groups = []
@@ -116,5 +116,5 @@ class ParameterCatalogue:
 
 
 def all_parameters(groups: Sequence[ParameterGroup]) -> tuple[GeometricParameter, ...]:
-    """Return the parameters of groups, in order."""
+    """Return the parameters of all groups, in order."""
     return tuple(p for group in groups for p in group.parameters)

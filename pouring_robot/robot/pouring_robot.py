@@ -1,7 +1,7 @@
-"""Where the ladle is: the robot of the drawing and the robot as built, side by side.
+"""Where the ladle is: the nominal robot and the robot as built, side by side.
 
-The controller knows the drawing. It turns a wanted pose into drive values by the nominal kinematics; the robot as
-built takes these drive values and closes its own loops. The difference of the two is the error at the ladle.
+The controller knows only the drawing. It turns a wanted pose into drive values by the nominal inverse kinematics; the
+robot as built takes these drive values and closes its own loops. The difference between the two is the ladle's error.
 """
 
 from __future__ import annotations
@@ -52,16 +52,16 @@ class PouringRobot(Robot):
         return load_layout(self.model.layout, self.model.layouts_path)
 
     def forward(self, drives: dict[str, float], near: PlatformPose | None = None) -> ClosureResult:
-        """Close the robot as built for drives l1, l2, l3 (m), theta46 (rad) by joint name, from the pose ``near`` them.
+        """Close the robot as built for drives l1, l2, l3 (m) and theta46 (rad), by joint name.
 
-        That is by default the nominal pose for these drives.
+        The closure starts at the pose ``near``, by default the nominal pose for these drives.
         """
         return self._closed_as_built(drives, self.kinematics.configuration(near or self.kinematics.forward(drives)))
 
     def _closed_as_built(self, drives: dict[str, float], start: FloatArray) -> ClosureResult:
         """Close the robot as built for commanded drive values, and check its own joints against their limits."""
         result = self.actual_solver.solve(self.actual_drives(drives), start)
-        # Far from the start the loops may also close in another assembly, whose joints are then beyond their limits.
+        # Far from the start the loops may close in another assembly mode, whose joints are then beyond their limits.
         refuse_beyond(joint_reach(self.kinematics.mechanism, result.joint_values))
         return result
 
@@ -76,12 +76,12 @@ class PouringRobot(Robot):
             pose: one pose; or a sequence of poses, or an array of x, y, z in m and the tilt in rad, shape (n, 4).
 
         Returns:
-            For one pose all that is known of it. For many a dataset with the dimensions ``pose``, ``frame`` and
-            ``axis``: nominal and actual positions (m), rotation vectors (rad) and their differences, and a ``status``.
-            A pose that has no answer is NaN, its status says why; nothing is raised for it.
+            For one pose its location. For many a dataset with the dimensions ``pose``, ``frame`` and ``axis``: nominal
+            and actual positions (m), rotation vectors (rad) and their differences, and a ``status``. A pose without a
+            solution is NaN, and its status says why; no error is raised for it.
 
         Raises:
-            BadInputError: the poses are none; as :meth:`locate_drives`.
+            BadInputError: the input is not a pose or poses, as in :meth:`locate_drives`.
         """
         if isinstance(pose, pin.SE3):
             raise BadInputError("an SE3 has six freedoms, the platform four: give PlatformPose.from_se3(pose)")
@@ -120,7 +120,7 @@ class PouringRobot(Robot):
         return error_dataset(loops, np.array(status), both[0], both[1], _commanded(poses))
 
     def path_dataset(self, command: BatchCommand, closed: BatchClosure) -> xr.Dataset:
-        """Return where the ladle should be and where it is from commands and the closures of the robot as built."""
+        """Return nominal and actual ladle poses as a dataset, from commands and the closures of the robot as built."""
         return self._dataset(command.start, closed, self._in_reach(command.start, closed), _commanded(command.poses))
 
     def _in_reach(self, start: BatchStart, closed: BatchClosure) -> BoolArray:
@@ -136,47 +136,47 @@ class PouringRobot(Robot):
 
     @property
     def picture_notes(self) -> tuple[str, ...]:
-        """Whether the ladle's mesh is that of the layout."""
+        """A note if the ladle's mesh is not that of the layout."""
         note = stale_mesh_note(self.model.layout, self.model.layouts_path)
         return (note,) if note else ()
 
     def read_commands(self, path: Path, beside: Iterable[str] = ()) -> dict[int, PlatformPose]:
-        """Read poses from a table, by the line they stand on, as :meth:`Robot.read_commands`."""
+        """Read poses from a table, by line number, like :meth:`Robot.read_commands`."""
         return read_pose_lines(path, beside, self.model.definition.drive_columns)
 
     def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> PlatformPose:
-        """Return the pose of a place and a turn about y."""
+        """Return the pose with a position and a rotation about y."""
         turn = np.zeros(3) if turn_rad is None else turn_rad
         if turn[0] or turn[2]:
             raise BadInputError("the platform turns about y only: give a tilt")
         return self.command_at(np.append(position_m, turn[1]))
 
     def location_in_the_middle(self) -> LadleLocation:
-        """Return where the ladle should be and where it is in the middle of the workspace box."""
+        """Return the ladle's location in the middle of the workspace box."""
         return self.locate(self.command_at(np.mean(self.layout.box, axis=0)))
 
     def command_at(self, values: FloatArray) -> PlatformPose:
-        """Return the pose of x, y, z in m and the tilt in rad, (4,)."""
+        """Return the pose with x, y, z in m and the tilt in rad, (4,)."""
         return PlatformPose.of_values(values)
 
     def drives_of(self, command: Command) -> FloatArray:
-        """Return the drive values, (4,), in m and rad, that a pose, a target or drive values mean."""
+        """Return the drive values, (4,), in m and rad, for a pose, a target or drive values."""
         if not isinstance(command, PlatformPose):
             return super().drives_of(command)
         return np.array(list(self.kinematics.inverse(command).values()))
 
     def location_of(self, command: Command) -> Location:
-        """Return where the ladle should be and where it is for a pose, a target or drive values (4,), in m and rad."""
+        """Return the ladle's location for a pose, a target or drive values (4,), in m and rad."""
         return self.locate(command) if isinstance(command, PlatformPose) else super().location_of(command)
 
     def actual_of(self, command: Command) -> ClosureResult:
-        """Return the robot as built at a pose, a target or drive values; as the ``actual`` of its location."""
+        """Return the closed robot as built at a pose, a target or drive values: the ``actual`` of its location."""
         if not isinstance(command, PlatformPose):
             return super().actual_of(command)
         return self.forward(self.kinematics.inverse(command), near=command)
 
     def outside_workspace(self, pose: PlatformPose) -> tuple[FloatArray, float]:
-        """Return by how far a pose leaves the workspace box: per axis, shape (3,), in m, and in tilt, in rad."""
+        """Return how far a pose is outside the workspace box: per axis, shape (3,), in m, and in tilt, in rad."""
         expect(pose, PlatformPose, "a pose is a PlatformPose")
         (lower, upper), values = self.layout.box, np.array(pose.values)
         outside = np.maximum(lower - values, 0.0) + np.maximum(values - upper, 0.0)
@@ -189,7 +189,7 @@ class PouringRobot(Robot):
         return float(np.linalg.norm(self.kinematics.moving_centres_m, axis=1).mean())
 
     def axis_weakness(self, location: Location) -> AxisWeakness:
-        """Return how far one tilted joint axis moves the pouring lip sideways, at the worst joint."""
+        """Return how far the tilt of one joint axis moves the pouring lip sideways, for the worst joint."""
         expect(location, Location, LOCATED)
         return axis_weakness(self.actual_solver, location.actual, location.loops.working_frame)
 
@@ -202,14 +202,14 @@ def _commanded(poses: FloatArray) -> dict[str, Any]:
 
 
 def robot_of(model: RobotModel) -> Robot:
-    """Return the robot of a model, whichever it is; see :meth:`Robot.without_warning`."""
+    """Return the robot of a model, of the class that suits it; see :meth:`Robot.without_warning`."""
     return (Robot if model.robot else PouringRobot).without_warning(model)
 
 
 def load_robot(model: RobotModel | Path | str | None = None) -> PouringRobot:
-    """Load a robot from a model, its file, or (default) the drawing of the default layout; raises as ``Robot.load``.
+    """Load a robot from a model, its file, or (default) the drawing of the default layout; raises like ``Robot.load``.
 
-    The robot stands cold and without effects that depend on conditions: where the model tells of them, a warning says
-    so. ``HeatedRobot(robot, robot.model.heat)`` cares for the heat, ``robots_under`` for the effects.
+    Heat and effects that depend on conditions are not applied; a warning says so where the model has them.
+    ``HeatedRobot(robot, robot.model.heat)`` applies the heat, ``robots_under`` the effects.
     """
     return PouringRobot.load(model)

@@ -1,4 +1,4 @@
-"""The robot as built under its weight: legs, joints and tilt drive yield as their parts do."""
+"""The robot as built under its weight: legs, joints and tilt drive have the compliance of their parts."""
 
 import copy
 
@@ -18,7 +18,7 @@ from pouring_robot.robot.pouring_robot import PouringRobot
 def stiffness_at(
     robot: PouringRobot, pose: PlatformPose, payload_kg: float, properties: StiffnessProperties | None = None
 ) -> PartStiffness:
-    """Return the stiffness of the parts at a pose of the drawing, bearings under a quarter of the ladle's weight."""
+    """Return the stiffness of the parts at a nominal pose; bearings carry a quarter of the ladle's weight."""
     values = robot.kinematics.joint_values(pose)
     lengths = np.array([values[stroke] for stroke in STROKES])
     carried = 0.25 * GRAVITY_M_S2 * (payload_kg + robot.layout.ladle.tare.value)
@@ -26,11 +26,11 @@ def stiffness_at(
 
 
 def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: float) -> PouringRobot:
-    """Return the robot as built, carrying its own weight and a payload; for one pose, as stiffness depends on it.
+    """Return the robot as built, carrying its own weight and a payload; for one pose, as stiffness depends on the pose.
 
-    The robot given carries no loads; the centre of the melt is in the middle of the ladle's height. Leg drives yield
-    along their legs and the tilt drive about its axis; each chain's end yields against the platform as its two U joints
-    do along the leg, and turns as the leg's torsion lets it; alike in all directions.
+    The given robot carries no loads. The melt's centre is at half the ladle's height. Leg drives yield along their
+    legs and the tilt drive about its axis. Each chain's end yields against the platform: in translation like its two
+    U joints along the leg, in rotation like the leg in torsion, both the same in all directions.
     """
     *legs, tilt = robot.nominal_solver.mechanism.loops.drives
     axial = dict(zip(STROKES, stiffness.leg_axial.tolist(), strict=True))
@@ -47,7 +47,7 @@ def under_weight(robot: PouringRobot, stiffness: PartStiffness, payload_kg: floa
         rotation=TorsionStiffness(value=float(stiffness.leg_torsion.mean()), unit="Nm/rad", source="assumed"),
     )
     mechanism = robot.actual_solver.mechanism.with_stiffness(held)
-    loaded = copy.copy(robot)  # not a new robot: the nominal side is the given one's, and building takes time
+    loaded = copy.copy(robot)  # not a new robot: the nominal side is the same, and building it takes time
     loaded.actual_solver = ClosureSolver(mechanism, loads, robot.actual_solver.options)
     return loaded
 
@@ -57,8 +57,8 @@ def truss_sag_m(
 ) -> tuple[float, float]:
     """Return how far the trolley's two girders sag in their middle, as beams on two rigid rails, in m.
 
-    The first is under what they carry there: trolley, robot and payload. The second is under their own weight, which
-    counts five eighths of one in the middle: :math:`5 W L^3 / (384 E I)` (Roark, table 8.1).
+    The first is under the load they carry there: trolley, robot and payload. The second is under their own weight,
+    which counts five eighths of one in the middle: :math:`5 W L^3 / (384 E I)` (Roark, table 8.1).
     """
     model = robot.nominal_solver.mechanism.shared_model
     data = model.createData()

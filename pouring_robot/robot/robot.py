@@ -1,4 +1,4 @@
-"""Any robot: the robot of the drawing and the robot as built, side by side, for commanded drives.
+"""Any robot: the nominal robot and the robot as built, side by side, for commanded drives.
 
     robot = Robot.load("delta/robot.yaml")
     robot.locate_drives([[0.1, 0.1, 0.2]])      # where it should be and where it is
@@ -48,24 +48,24 @@ if TYPE_CHECKING:
     from pouring_robot.robot.parameter_catalogue import ParameterCatalogue
 
 Command = PlatformPose | Target | FloatArray | Sequence[float]
-"""What a robot may be asked for: a target of its end body, drive values, or a pose of the pouring robot's platform."""
+"""A command: a target of the end body, drive values, or a pose of the pouring robot's platform."""
 NUMBERS = "numbers are drive values, in m and rad, and a pose is a PlatformPose or a Target"
-"""What a command of numbers means, for errors."""
+"""For error messages: what a command of numbers means."""
 LOADED = "give a Robot, as load_robot and Robot.load make it"
-"""What is wanted where no robot is given, for errors."""
+"""For error messages: what to give where a robot is expected."""
 LOCATED = "give a location, as robot.locate(pose) and robot.location_at(drives) return"
-"""What is wanted where none is given, for errors."""
+"""For error messages: what to give where a location is expected."""
 
 
 class Robot:
-    """The robot of the drawing and as built (default: the pouring robot's drawing); threads may share it.
+    """The nominal robot and the robot as built (default: the pouring robot's drawing); threads may share it.
 
-    It stands cold and without effects that depend on conditions: where the model tells of them, a warning says so;
-    ``robots_under`` applies them. ``loads``, weight and yielding drives, act on the actual robot, a payload at the
-    robot file's ``payload_frame`` where they name none; ``options`` say when a closure counts as found.
-    What takes a command raises BadInputError where it is none of this robot, UnreachablePoseError where a joint of the
-    drawing would pass its limits (the pouring robot: or one as built), NoSolutionError where no pose answers it; the
-    constructor BadInputError where the model names a joint or drive that the robot does not have.
+    Heat and effects that depend on conditions are not applied; a warning says so where the model has them;
+    ``robots_under`` applies these effects. ``loads`` (weight and compliant drives) act on the actual robot; a payload
+    hangs at the robot file's ``payload_frame`` unless they name a frame. ``options`` say when a closure has converged.
+    Methods that take a command raise BadInputError where it is not a command of this robot, UnreachablePoseError where
+    a joint of the drawing (of the pouring robot: or one as built) would exceed its limits, NoSolutionError where no
+    pose solves it. The constructor raises BadInputError where the model names a joint or drive the robot does not have.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Robot:
 
     @classmethod
     def without_warning(cls, model: RobotModel) -> Self:
-        """Make the robot of a model for who cares for what it leaves out, or says so."""
+        """Make the robot of a model without the warning: the caller applies what is left out, or reports it."""
         robot = cls.__new__(cls)
         robot._make(model, NO_LOADS, DEFAULT_OPTIONS)
         return robot
@@ -100,7 +100,7 @@ class Robot:
         return cls(model)
 
     def built_as(self, model: RobotModel) -> Self:
-        """Return the same drawing, shared, with the joint placements and drive offsets of another model of it."""
+        """Return a robot of the same, shared, drawing with the joint placements and drive offsets of another model."""
         expect(model, RobotModel, "a robot is built as a RobotModel says, such as RobotModel.load reads")
         model.check_errors()
         other = copy.copy(self)
@@ -124,24 +124,24 @@ class Robot:
 
     @functools.cached_property
     def unseen_displacements(self) -> tuple[str, ...]:
-        """Displaced joints that no pose seen from the base frame shows: they carry all, as a rail, or a finger."""
+        """Displaced joints that no pose in the base frame shows: those that carry everything (a rail), or a finger."""
         seen = self.drawing.mechanism.seen_joints
         return tuple(joint for joint in self.model.joint_placements if joint not in seen)
 
     @property
     def idle_drives(self) -> tuple[str, ...]:
-        """Drives that move nothing that is measured against the base frame, as those beyond the end frame."""
+        """Drives that move nothing measured in the base frame, such as those beyond the end frame."""
         mechanism = self.drawing.mechanism
         seen = mechanism.seen_joints
         leading = {mimic.leader for mimic in mechanism.mimics if mimic.joint in seen}
         return tuple(drive for drive in mechanism.loops.drives if drive not in seen | leading)
 
     def standing(self, drives: FloatArray) -> FloatArray:
-        """Return where the drives of the robot as built stand for commands (..., drives), in m and rad."""
+        """Return the drive values of the robot as built for commands (..., drives), in m and rad."""
         return self.model.standing(drives)
 
     def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
-        """Return the same by name, of all drives; raises BadInputError where one is missing, or a name is none."""
+        """Return the same by name, for all drives; raises BadInputError for a missing drive or an unknown name."""
         self.drawing.check_drives(drives)
         mechanism = self.drawing.mechanism
         return mechanism.named_drives(self.standing(np.array([drives[name] for name in mechanism.loops.drives])))
@@ -151,8 +151,8 @@ class Robot:
 
         Returns:
             A dataset with the dimensions ``pose``, ``frame`` and ``axis``: nominal and actual positions (m), rotation
-            vectors (rad) and their differences, and a ``status``. A command that has no answer is NaN, its status
-            says why; nothing is raised for it.
+            vectors (rad) and their differences, and a ``status``. A command without a solution is NaN, and its status
+            says why; no error is raised for it.
 
         Raises:
             BadInputError: the array has another shape, holds a number that is not finite or is masked, or is a table
@@ -161,7 +161,7 @@ class Robot:
         names, commanded = self.drawing.mechanism.loops.drives, self.commands_of(drives)
         start = self.drawing.starts(commanded)
         closed = self.close(commanded, start)
-        answered = np.isfinite(start.position).all(axis=1)  # else the drawing has no pose for these drives
+        answered = np.isfinite(start.position).all(axis=1)  # otherwise the drawing has no pose for these drives
         units = [drive.unit for drive in self.model.definition.drives]
         coordinates = {
             "drive": list(names),
@@ -171,36 +171,36 @@ class Robot:
         return self._dataset(start, closed, self._in_reach(start, closed) | (answered & ~closed.closed), coordinates)
 
     def commands_of(self, drives: ArrayLike) -> FloatArray:
-        """Return a copy of commands (n, drives), in m and rad; raises BadInputError as :meth:`locate_drives`."""
+        """Return a copy of commands (n, drives), in m and rad; raises BadInputError like :meth:`locate_drives`."""
         names = self.drawing.mechanism.loops.drives
         demand = f"drives must be finite numbers of the shape (n, {len(names)}): {', '.join(names)}"
         return finite(drives, (None, len(names)), demand)
 
     def _in_reach(self, start: BatchStart, closed: BatchClosure) -> BoolArray:
-        """Return where the joints' limits allow the drawing's poses, and those as built where they count, (n,)."""
+        """Return which nominal poses are within the joint limits, and also as built where that counts, (n,)."""
         return self.drawing.in_reach(start)
 
     def _dataset(
         self, start: BatchStart, closed: BatchClosure, reachable: BoolArray, coordinates: Mapping[str, Any]
     ) -> xr.Dataset:
-        """Return the drawing's poses beside those as built; ``reachable``, (n,): which the joints' limits allow."""
+        """Return nominal poses and those as built as a dataset; ``reachable``, (n,): which are within joint limits."""
         status = np.where(reachable, np.array(STATUS_NAMES)[closed.status], OUT_OF_REACH)
         nominal = frames_of(self.drawing.mechanism, start.position, start.rotation)
         actual = frames_of(self.actual_solver.mechanism, closed.position, closed.rotation)
         return error_dataset(self.drawing.mechanism.loops, status, nominal, actual, coordinates)
 
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
-        """Close the robot as built for commanded drives (n, drives), in m and rad, from closed poses of the drawing."""
+        """Close the robot as built for commanded drives (n, drives), in m and rad, from closed nominal poses."""
         return self.engine().close(self.standing(drives), start)
 
     @property
     def loaded(self) -> bool:
-        """Whether weight or yielding drives bend the robot as built."""
+        """Whether the robot as built carries weight or has compliant drives."""
         loads = self.actual_solver.energy.loads
         return bool(loads.gravity or loads.drive_stiffness)
 
     def engine(self) -> Engine:
-        """Return what closes the robot as built for many drives; raises BadInputError where it carries loads."""
+        """Return the engine that closes the robot as built for many commands; raises BadInputError under loads."""
         from pouring_robot.batch import engine_for
 
         if self.loaded:
@@ -209,43 +209,43 @@ class Robot:
 
     @property
     def accuracy_m(self) -> float | None:
-        """Required accuracy of the working frame, in m, if somebody says so."""
+        """Required accuracy of the working frame, in m, if one is stated."""
         return None
 
     @property
     def picture_notes(self) -> tuple[str, ...]:
-        """What one should know of its pictures, in a line each."""
+        """Notes on its pictures, a line each."""
         if parsed(self.drawing.mechanism.urdf).find("link/visual") is not None:
             return ()
         return ("the description draws no link, so pictures show errors alone; give its links a 'visual'",)
 
     def read_commands(self, path: Path, beside: Iterable[str] = ()) -> Mapping[int, Command]:
-        """Read commands by line from a table, in which headings ``beside`` may stand, or raise TableError."""
+        """Read commands by line number from a table, which may also have columns ``beside``, or raise TableError."""
         return read_command_lines(path, self.model.definition)
 
     def pose_command(self, position_m: FloatArray, turn_rad: FloatArray | None) -> Command:
-        """Return the command for a place, (3,), in m, and a rotation vector, (3,), in rad, if said, of the end body."""
+        """Return the command for the end body's position, (3,), in m, and rotation vector, (3,), in rad (None: any)."""
         return Target(position_m, None if turn_rad is None else pin.exp3(turn_rad))
 
     def command_at(self, values: FloatArray) -> Command:
-        """Return the command of numbers (k,), in m and rad; see :meth:`RobotDefinition.command_axes`."""
+        """Return the command for numbers (k,), in m and rad; see :meth:`RobotDefinition.command_axes`."""
         return values
 
     @functools.cached_property
     def command_axes(self) -> tuple[CommandAxis, ...]:
-        """What it is commanded by."""
+        """The numbers that make up a command."""
         return self.model.definition.command_axes(self.drawing.mechanism)
 
     def location_of(self, command: Command) -> Location:
-        """Return where the robot should be and where it is: at drives, or at a target."""
+        """Return where the robot should be and where it is, for drive values or a target."""
         return self.location_to(command) if isinstance(command, Target) else self.location_at(self.drives_of(command))
 
     def actual_of(self, command: Command) -> ClosureResult:
-        """Return the robot as built at a command, without where it should be; raises as :meth:`location_of`."""
+        """Return the closed robot as built at a command, without the nominal one; raises like :meth:`location_of`."""
         return self.location_of(command).actual
 
     def drives_of(self, command: Command) -> FloatArray:
-        """Return the drive values that a command means, (drives,), in m and rad."""
+        """Return the drive values of a command, (drives,), in m and rad."""
         if isinstance(command, PlatformPose):
             raise BadInputError(f"{self.model.definition.name} is commanded by drive values or a target, not a tilt")
         return self.drives_to(command).drives if isinstance(command, Target) else self._commanded(command)
@@ -267,19 +267,19 @@ class Robot:
             return self.location_at(definition.home_drives)
         except NoSolutionError as problem:
             at = "" if definition.file.home else " (all joints at zero, as the file gives none)"
-            why = str(problem).partition(";")[0]  # what follows mends drive values, and nobody gave any
+            why = str(problem).partition(";")[0]  # the rest advises on drive values, and the user gave none
             raise NoSolutionError(
                 f"{definition.path}: the robot cannot stand at its home{at}: {why}; write under home: the values "
                 "(m, rad) of all joints at a pose that it can reach"
             ) from problem
 
     def location_to(self, target: Target) -> Location:
-        """Return where the robot is when it is sent to a target: the drives that bring the drawing's end body there."""
+        """Return the location for a target: at the drive values that bring the nominal end body there."""
         found = self.drives_to(target)
         return self._located(found.drives, found.result)
 
     def drives_to(self, target: Target) -> InverseSolution:
-        """Return the drives that bring a frame of the drawing to a target; see :meth:`location_to`."""
+        """Return the drive values that bring a frame of the nominal robot to a target; see :meth:`location_to`."""
         expect(target, Target, "a target is a Target: a place, in m, and a rotation matrix if its attitude counts")
         starts = starts_near(target, self.drawing, self.model.definition.home_drives, lambda: self._workspace)
         return search(self.nominal_solver, self.close_nominal, target, starts, self._refuse_beyond)
@@ -292,7 +292,7 @@ class Robot:
         return self.model.definition.workspace(self.drawing)
 
     def close_nominal(self, drives: FloatArray, start: FloatArray) -> ClosureResult:
-        """As :meth:`close_actual`, of the drawing."""
+        """Like :meth:`close_actual`, for the nominal robot."""
         return self.nominal_solver.solve(self.drawing.mechanism.named_drives(drives), start)
 
     def close_actual(self, drives: FloatArray, start: FloatArray) -> ClosureResult:
@@ -309,7 +309,7 @@ class Robot:
         return Location(named, nominal, actual, reach)
 
     def dexterity(self, location: Location) -> Dexterity:
-        """Return condition and distance to singularity of the actual robot at a location."""
+        """Return condition number and distance to singularity of the actual robot at a location."""
         expect(location, Location, LOCATED)
         mechanism = self.actual_solver.mechanism
         prismatic = tuple(mechanism.unit_of(name) == "m" for name in mechanism.loops.drives)
@@ -320,13 +320,13 @@ class Robot:
     _task_rows: Sequence[int] = range(6)
 
     def axis_weakness(self, location: Location) -> AxisWeakness | None:
-        """Return how far one tilted axis moves the working frame sideways; None: nothing is known of it."""
+        """Return how far the tilt of one axis moves the working frame sideways; None: unknown."""
         return None
 
     def _length_m(self, location: Location) -> float:
-        """Return the mean distance of the driven joints from the end body, in m: compares angles with lengths.
+        """Return the characteristic length, in m: the mean distance of the driven joints from the end body.
 
-        A metre where they all are at it.
+        It is one metre where that is zero.
         """
         mechanism = location.nominal.mechanism
         end = location.nominal.pose("universe", str(mechanism.loops.end_frame)).translation
@@ -349,8 +349,8 @@ class Robot:
             Dimensions ``component`` (displacement x, y, z, rotation vector rx, ry, rz, in the base's axes) and
             ``parameter``; the coordinates ``unit`` and ``per`` give the units of a number: ``unit`` per ``per``.
 
-        Raises as all that take a command, and UnknownFrameError; BadInputError too where no parameter has a name,
-        NoSolutionError where the drives do not determine the frame.
+        Raises like all methods that take a command, and UnknownFrameError; also BadInputError where a parameter name is
+        unknown, and NoSolutionError where the drives do not determine the frame.
         """
         closed = self.actual_of(command)
         chosen: dict[str, LocalParameter] = {}
@@ -363,11 +363,11 @@ class Robot:
 
 
 AnyRobot: TypeAlias = RobotDefinition | RobotModel | Robot | Path | str | None
-"""What says which robot is meant: itself, its model, or the path of a robot or model file; None: the pouring robot."""
+"""How a robot is given: itself, its definition or model, or the path of either's file; None: the pouring robot."""
 
 
 def definition_of(robot: AnyRobot) -> RobotDefinition:
-    """Return the robot of the drawing that is meant; raises BadInputError where none is, or a file of it is wrong."""
+    """Return the definition of the given robot; raises BadInputError where it is not a robot, or a file is wrong."""
     if isinstance(robot, RobotDefinition):
         return robot
     return (robot.model if isinstance(robot, Robot) else RobotModel.of(robot)).definition

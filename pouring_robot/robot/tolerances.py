@@ -1,4 +1,4 @@
-"""How far a part may be off before anybody has measured it."""
+"""Tolerances: how far a part may be off before it has been measured."""
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ from pouring_robot.robot.description.urdf import description_folder
 
 
 class Tolerance(StrictModel):
-    """Size of one kind of parameter."""
+    """Size of errors of one kind of parameter."""
 
     std: Annotated[float, pydantic.Field(gt=0.0, le=100.0)]  # standard deviation, in ``unit``
     unit: Literal["mm", "mrad"]  # mm or mrad
@@ -29,7 +29,7 @@ class Tolerance(StrictModel):
 
 
 def _in(unit: str) -> pydantic.AfterValidator:
-    """Return what refuses a tolerance in another unit."""
+    """Return a validator that refuses a tolerance in another unit."""
 
     def check(tolerance: Tolerance) -> Tolerance:
         if tolerance.unit != unit:
@@ -44,26 +44,26 @@ Angle = Annotated[Tolerance, _in("mrad")]
 
 
 def _kind(name: str, formerly: str = "") -> Any:
-    """Return the field of a kind: a file may leave it out, which is then as shipped, or call it as files once did."""
+    """Return the field of a kind; a file may leave it out (then the shipped value holds) or use its former name."""
     names = pydantic.AliasChoices(name, formerly or name)
     return pydantic.Field(validation_alias=names, default_factory=lambda: getattr(Tolerances.load().kinds, name))
 
 
 class TolerancesByKind(StrictModel):
-    """A tolerance for each kind of parameter; a robot's own file names those that its robot has."""
+    """A tolerance for each kind of parameter; a robot's own file has only the kinds of its robot."""
 
     linear_drive_offset: Length = _kind("linear_drive_offset", formerly="leg_drive_offset")  # zero of a drive
     rotary_drive_offset: Angle = _kind("rotary_drive_offset", formerly="tilt_drive_offset")
-    joint_centre: Length = _kind("joint_centre")  # place of a joint on the body that carries it
+    joint_centre: Length = _kind("joint_centre")  # position of a joint on the body that carries it
     joint_axis: Angle = _kind("joint_axis")  # direction of an axis
-    inner_offset: Length = _kind("inner_offset")  # distances within a chain and its joints, where they are told apart
+    inner_offset: Length = _kind("inner_offset")  # distances within a chain and its joints, where distinguished
 
 
 class Tolerances(StrictModel):
     """The tolerances file."""
 
     format: Literal["pouring_robot/tolerances/1"] = "pouring_robot/tolerances/1"  # kind and version of the file
-    kinds: TolerancesByKind  # one tolerance a kind
+    kinds: TolerancesByKind  # one tolerance per kind
 
     @classmethod
     def load(cls, path: Path | str | None = None) -> Self:
@@ -73,7 +73,7 @@ class Tolerances(StrictModel):
 
     @classmethod
     def of(cls, robot: RobotDefinition) -> Self:
-        """Return those of a robot: its own, or the shipped ones; raises DescriptionError as :meth:`load`."""
+        """Return the tolerances of a robot: its own, or the shipped ones; raises DescriptionError like :meth:`load`."""
         return cls.load(robot.tolerances_file)
 
     def std(self, parameters: Sequence[GeometricParameter], robot: RobotDefinition) -> FloatArray:
@@ -83,7 +83,7 @@ class Tolerances(StrictModel):
 
 
 def kind_of(parameter: GeometricParameter, inner_joints: Collection[str]) -> str:
-    """Return the kind of a parameter, a field of :class:`TolerancesByKind`; a DH error has that of what it moves."""
+    """Return the kind of a parameter, a field of :class:`TolerancesByKind`; a DH error has that of its joint."""
     if isinstance(parameter, DriveParameter):
         return "linear_drive_offset" if parameter.unit == "m" else "rotary_drive_offset"
     if parameter.unit == "rad":

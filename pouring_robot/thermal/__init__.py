@@ -1,7 +1,7 @@
-"""Heat: from the melt to the ladle.
+"""Heat: from the melt's temperature to the ladle's error.
 
-``network`` finds temperatures, ``expansion`` makes them local parameters and the pose they lead to, ``regression``
-predicts the ladle's error from the melt's temperature as the paper does.
+``network`` computes temperatures, ``expansion`` converts them into local parameters and the resulting pose,
+``regression`` predicts the ladle's error from the melt's temperature, as the paper does.
 """
 
 import lazy_loader

@@ -1,1 +1,1 @@
-"""What a robot of the drawing is: its robot file, URDF, drives, names and causes of error; and where it closes."""
+"""Description of the nominal robot: robot file, URDF, drives, names and causes of error; and its closure."""

@@ -1,4 +1,4 @@
-"""What a robot is commanded by, number by number: drive values, or what its controller makes them of."""
+"""The numbers of a command: drive values, or what the robot's controller computes them from."""
 
 import math
 from collections.abc import Sequence
@@ -19,9 +19,9 @@ class CommandAxis:
     """One number of a command."""
 
     quantity: Quantity  # its column in a table
-    lower: float  # least value, in m or rad; ``upper``: largest one
+    lower: float  # smallest value, in m or rad; ``upper``: largest value
     upper: float
-    drive: Drive | None = None  # that it commands; None: the table has the value itself
+    drive: Drive | None = None  # the drive that it commands; None: the table has the value itself
 
     @property
     def _shown(self) -> tuple[str, float]:
@@ -29,22 +29,22 @@ class CommandAxis:
 
     @property
     def heading(self) -> str:
-        """Of a column in mm or degrees."""
+        """Heading of its column, in mm or degrees."""
         return f"{self.quantity.name}_{self._shown[0]}"
 
     @property
     def step(self) -> float:
-        """Between round figures of the table, 0.1 mm or 0.01 degrees, in m or rad of the value."""
+        """Step between round figures of the table (0.1 mm or 0.01 degrees), in m or rad of the value."""
         factor = 1.0 if self.drive is None else abs(self.drive.factor)
         return factor * (_ROUND_M if self.quantity.kind == "length" else _ROUND_RAD)
 
     def shown(self, value: float) -> float:
-        """Return a value (m or rad) as the table has it, in mm or degrees."""
+        """Return the figure in the table, in mm or degrees, of a value (m or rad)."""
         command = value if self.drive is None else float(self.drive.commanded(np.asarray(value)))
         return command / self._shown[1]
 
     def value(self, shown: float) -> float:
-        """Return the value (m or rad) that the table has so."""
+        """Return the value (m or rad) of a figure in the table."""
         return float(self.values(np.asarray(shown * self._shown[1])))
 
     def values(self, commands: FloatArray) -> FloatArray:
@@ -52,10 +52,10 @@ class CommandAxis:
         return commands if self.drive is None else self.drive.value(commands)
 
     def text(self, value: float) -> str:
-        """Return the same as a round figure."""
+        """Return a value (m or rad) as a round figure of the table."""
         return f"{self.shown(value):z.{1 if self.quantity.kind == 'length' else 2}f}"
 
 
 def command_box(axes: Sequence[CommandAxis]) -> tuple[FloatArray, FloatArray]:
-    """Return the least and largest values of a command, (k,) each, in m and rad."""
+    """Return the smallest and largest values of a command, (k,) each, in m and rad."""
     return np.array([axis.lower for axis in axes]), np.array([axis.upper for axis in axes])

@@ -1,6 +1,6 @@
-"""What a robot is, whichever it is: its URDF, its loops, its drives and what they are called in files.
+"""Definition of any robot: its URDF, its loops, its drives and their names in files.
 
-A robot is a ``robot.yaml``; the pouring robot is one too (:mod:`pouring_robot.robot.pouring.definition`):
+A robot is defined by a ``robot.yaml``, and so is the pouring robot (:mod:`pouring_robot.robot.pouring.definition`):
 
     format: pouring_robot/robot/1
     name: ur10
@@ -56,9 +56,9 @@ if TYPE_CHECKING:
 
 _WORKSPACE_SAMPLES = 200
 _DRAWN_FIT = 1e-4
-"""How far a drawing's loops may be open, over its reach and in rad: drawings are written to a tenth of a mm a metre."""
+"""How far the loops of a drawing may be open, over its reach and in rad: drawings state 0.1 mm per metre."""
 _MEASURED_FIT = 0.03
-"""How far commands of redundant drives may disagree, over the reach. Anchors measured by hand are off by some percent:
+"""How far commands of redundant drives may disagree, over the reach. Anchors measured by hand are off by a few percent:
 those of the Hangprinter in ``examples/machines`` make its lines disagree by up to 1 %."""
 JointLimits = Mapping[str, tuple[float, float] | None]
 ParameterGroups = Mapping[str, tuple[str, tuple[str, ...]]]
@@ -75,23 +75,23 @@ _SETS: ParameterSets = {
     "all": ("drives", "joint_places", "joint_axes"),
 }
 ROTATIONS, SLIDES = "rotations", "slides"
-"""Groups of the drives that a file names in none: angles and lengths."""
+"""Groups of the drives that a file puts in no group: angles and lengths."""
 
 
 class RobotDefinition:
-    """A robot of the drawing, by its file and path; raises DescriptionError where what they say is wrong."""
+    """A nominal robot, from its robot file and path; raises DescriptionError where their content is wrong."""
 
     inner_joints: frozenset[str] = frozenset()
-    """Joints whose distances from the one before are machined in one part; they have a tolerance of their own."""
+    """Joints whose distances from the previous one are machined in one part; they have a separate tolerance."""
     expected_thermometers: tuple[str, ...] = ()
-    """Those of :attr:`thermometers` that a campaign is missed without: nobody has one on every link."""
+    """Those of :attr:`thermometers` that a campaign is expected to have: nobody has one on every link."""
     causes: Causes | None = None
-    """What may go wrong with it, where it says so itself; None: what may go wrong with any robot."""
+    """Possible causes of error, if the robot declares its own; None: those of any robot."""
 
     def __init__(self, file: RobotFile, path: Path) -> None:
         self.file, self.path = file, path
         loops = self._loops()
-        # What URDF can say goes into the URDF, so that its joints can be displaced and exported like others.
+        # What URDF can express goes into the URDF, so that these joints can be displaced and exported like others.
         left = {name: kind for name, kind in loops.joint_types.items() if kind in NOT_IN_URDF}
         self._kinds = {name: kind for name, kind in loops.joint_types.items() if name not in left}
         self.loops = loops.model_copy(update={"joint_types": left})
@@ -103,7 +103,7 @@ class RobotDefinition:
         for name in (*file.travel, *file.home, *self._displaced):
             if name not in kinds:
                 raise DescriptionError(path, f"'{name}' is not a joint of the robot{closest(name, kinds)}")
-        # What carries the base stands where a campaign says; poses are seen from the base, so no loop moves it.
+        # A campaign states the values of joints that carry the base; poses are in the base, so no loop moves them.
         carrying = [joint for joint in file.travel if kinds[joint] != "fixed"]
         base, end = self.loops.base_frame, self.loops.end_frame
         known = (name for name in (base, end, *self.loops.loop_frames) if name is not None)
@@ -133,7 +133,7 @@ class RobotDefinition:
 
     @classmethod
     def load(cls, path: Path | str) -> RobotDefinition:
-        """Read a robot file and all that it names; raises DescriptionError where something in them is wrong."""
+        """Read a robot file and the files it names; raises DescriptionError where something in them is wrong."""
         return cls(RobotFile.load(path), Path(path))
 
     def __repr__(self) -> str:
@@ -141,7 +141,7 @@ class RobotDefinition:
 
     @property
     def name(self) -> str:
-        """What the robot is called."""
+        """Name of the robot."""
         return self.file.name
 
     def _loops(self) -> LoopsFile:
@@ -154,7 +154,7 @@ class RobotDefinition:
         return validate(LoopsFile, {"mechanism": file.name, "loops": file.loops} | said, self.path)
 
     def _check_travels(self, travels: Iterable[str], above: Mapping[str, Collection[str]]) -> None:
-        """Refuse what would be held at its home though it does not carry all frames; ``above``: their carriers."""
+        """Refuse a travel, held at its home, that does not carry all frames; ``above``: the frames' carriers."""
         for travel, (frame, joints) in itertools.product(travels, above.items()):
             if travel not in joints:
                 problem = f"travel '{travel}' would be held at its home, but it does not carry '{frame}'"
@@ -162,7 +162,7 @@ class RobotDefinition:
                 raise DescriptionError(self.path, f"{problem}; {mend}")
 
     def _check_home(self, limits: JointLimits) -> None:
-        """Refuse a home beyond a joint's limits."""
+        """Refuse a home that is beyond a joint's limits."""
         for name, value in self.file.home.items():
             lower, upper = limits[name] or (value, value)
             if not in_limits(value, lower, upper, WRITTEN):
@@ -170,10 +170,10 @@ class RobotDefinition:
                 raise DescriptionError(self.path, beyond)
 
     def _check_zeros(self, limits: JointLimits) -> None:
-        """Refuse zeros at which no joint stands, which mostly are mm or degrees.
+        """Refuse implausible zeros of drives, which are mostly given in mm or degrees.
 
-        At a command of zero a drive may stand beyond its limits, at a switch, but hardly by more than they are apart; a
-        turn is known but for whole ones. A slide without limits stands within the robot's size.
+        At a command of zero a drive may be beyond its limits, at a switch, but hardly by more than their range. Angles
+        are known up to whole turns. A slide without limits stays within the robot's size.
         """
         for drive in (drive for drive in self.drives if drive.zero):
             lower, upper = limits[drive.joint] or (0.0, 0.0)
@@ -191,7 +191,7 @@ class RobotDefinition:
         return self.path.parent / (self.file.urdf or self.file.xacro or "")
 
     def urdf(self) -> str:
-        """Return the drawing as URDF, as it was when first asked for; raises DescriptionError where it is wrong."""
+        """Return the URDF of the drawing, as first read; raises DescriptionError where it is wrong."""
         return self._drawn
 
     @functools.cached_property
@@ -212,34 +212,34 @@ class RobotDefinition:
 
     @functools.cached_property
     def reach_m(self) -> float:
-        """Length of the longest way from the root to a joint, stretched out, in m; the robot's size.
+        """Length of the longest chain from the root to a joint, stretched out, in m; the robot's size.
 
-        Slides within loops, which hold them near the home, count by it alone.
+        Slides in a robot with loops, which hold them near the home, count with their home value only.
         """
         return reach(self.urdf(), self.file.home, () if self.loops.loops else [drive.joint for drive in self.drives])
 
     @property
     def drawn_fit(self) -> ClosureOptions:
-        """When the drawing, which has no errors, counts as closed: its loops fit as well as drawings are written."""
+        """Closure tolerances of the drawing, which has no errors: its loops fit to the precision of the drawing."""
         return replace(DEFAULT_OPTIONS, max_gap_m=_DRAWN_FIT * self.reach_m, max_gap_rad=_DRAWN_FIT)
 
     @property
     def payload_frame(self) -> str:
-        """Where a payload hangs: at the end frame, if the file does not say."""
+        """Frame at which a payload hangs; by default the end frame."""
         return self.file.payload_frame or str(self.loops.end_frame)
 
     @property
     def own_weight(self) -> bool:
-        """Whether the links, the end body too, weigh on drives; else a campaign states the weight of a ladle on it."""
+        """Whether the weight of all links loads the drives; otherwise a campaign states the weight of its ladle."""
         return self.causes is None or self.causes.own_weight
 
     @property
     def most_disagreement_m(self) -> float:
-        """How far redundant drives may disagree, in m, and still be the command of a pose."""
+        """How far redundant drives may disagree, in m, and still command a pose."""
         return _MEASURED_FIT * self.reach_m
 
     def files_beside(self) -> dict[str, bytes]:
-        """Return what makes the exported URDF a robot again, by file name: its robot file, and its own tolerances."""
+        """Return the files that make the exported URDF a robot again, by name: robot file and its own tolerances."""
         said = self.file.model_dump(mode="json", exclude_defaults=True, exclude={"xacro", "mappings", "joint_types"})
         own = self.loops.model_dump(mode="json", exclude_defaults=True, exclude={"mechanism", "drives"})
         beside = {} if self.tolerances_file is None else {"tolerances": read_text(self.tolerances_file).encode()}
@@ -254,7 +254,7 @@ class RobotDefinition:
 
     @property
     def drive_columns(self) -> tuple[Quantity, ...]:
-        """The columns of the drives in a table, as they are commanded."""
+        """Columns of the commanded drives in a table."""
         words = {("m", "angle"): "the angle of the motor, which this column holds for the slide"}
         return tuple(
             Quantity(drive.column, drive.command, required=True, words=words.get((drive.unit, drive.command), ""))
@@ -263,7 +263,7 @@ class RobotDefinition:
 
     @property
     def condition_columns(self) -> tuple[Quantity, ...]:
-        """What may be known of a pose besides drives and measurement; every one is optional."""
+        """Columns of the conditions of a pose, besides drives and measurement; all are optional."""
         taken = {*(drive.column for drive in self.drives), *self.travels, *TAKEN}
         parts = (name for name in self.thermometers if name not in taken)
         return (
@@ -278,25 +278,25 @@ class RobotDefinition:
 
     @property
     def ranged_columns(self) -> tuple[Quantity, ...]:
-        """The columns of drives and conditions that a campaign has a range of."""
+        """Columns of drives and conditions that have a range in a campaign."""
         told = (*self.drive_columns, *self.condition_columns)
         return tuple(quantity for quantity in told if quantity.kind not in ("label", "sign"))
 
     def drive_values(self, numbers: Mapping[str, FloatArray]) -> FloatArray:
-        """Return the values of the driven joints, (n, drives), in m and rad, from columns (n,); absent ones are NaN."""
+        """Return the values of driven joints, (n, drives), in m and rad, from columns (n,); missing ones are NaN."""
         empty = np.full(next(iter(numbers.values())).size, np.nan)
         return np.stack([drive.value(numbers.get(drive.column, empty)) for drive in self.drives], axis=-1)
 
     def commanded(self, drives: FloatArray) -> dict[str, FloatArray]:
-        """Return the columns, by name, (n,) each, in m and rad, that command drive values (n, drives)."""
+        """Return the columns of commands, by name, (n,) each, in m and rad, for drive values (n, drives)."""
         return {drive.column: drive.commanded(values) for drive, values in zip(self.drives, drives.T, strict=True)}
 
     def mechanism(self) -> ClosedChainMechanism:
-        """Return the mechanism of the drawing."""
+        """Return the nominal mechanism."""
         return ClosedChainMechanism(self.urdf(), self.loops, self.path, home=self.file.home)
 
     def drawing(self, mechanism: ClosedChainMechanism | None = None) -> Drawing:
-        """Return what closes the robot of the drawing, or of its mechanism if that is at hand, for drive values."""
+        """Return the object that closes the nominal robot for drive values, on its ``mechanism`` if that is at hand."""
         return Drawing(mechanism, self.file.home, self.drawn_fit) if mechanism else self._drawing
 
     @functools.cached_property
@@ -306,7 +306,7 @@ class RobotDefinition:
     def workspace(self, drawing: Drawing, count: int = _WORKSPACE_SAMPLES) -> tuple[FloatArray, BatchStart]:
         """Return up to ``count`` drive values spread over the workspace, (n, drives), in m and rad, and closed poses.
 
-        Redundant drives agree there. What does not close, or with joints beyond limits, is left out.
+        Redundant drives agree there. Samples that do not close or exceed joint limits are left out.
         """
         drives, agree = agreed(drawing, self._spread(drawing.mechanism, count))
         commands = drawing.commands(drives)
@@ -315,19 +315,19 @@ class RobotDefinition:
 
     def _spread(self, mechanism: ClosedChainMechanism, count: int) -> FloatArray:
         """Return commands spread evenly between their limits, (count, k), in m and rad."""
-        from scipy.stats import qmc  # heavy, and for this only
+        from scipy.stats import qmc  # slow to import, and used only here
 
         lower, upper = command_box(self.command_axes(mechanism))
         return np.asarray(lower + (upper - lower) * qmc.Halton(len(lower), scramble=False).random(count + 1)[1:])
 
     def command_axes(self, mechanism: ClosedChainMechanism) -> tuple[CommandAxis, ...]:
-        """Return what commands the mechanism of the drawing: its drives."""
+        """Return the numbers of a command of the nominal mechanism: its drives."""
         return self.drive_axes(mechanism)
 
     def drive_axes(self, mechanism: ClosedChainMechanism) -> tuple[CommandAxis, ...]:
-        """Return the drives, between their limits.
+        """Return the drives with their limits.
 
-        Without limits a joint turns once around, and a slide stays at home: nobody knows how far it goes.
+        A rotary joint without limits gets one full turn; a slide without limits stays at home, as its range is unknown.
         """
         limits, axes = mechanism.joint_limits(), []
         for drive, column, home in zip(self.drives, self.drive_columns, self.home_drives.tolist(), strict=True):
@@ -338,7 +338,7 @@ class RobotDefinition:
 
     @property
     def command_columns(self) -> tuple[Quantity, ...]:
-        """The columns of a command in a table."""
+        """Columns of a command in a table."""
         return self.drive_columns
 
     def dh_table(self, nominal: ClosedChainMechanism) -> DHTable | None:
@@ -347,7 +347,7 @@ class RobotDefinition:
 
     @property
     def parameter_groups(self) -> ParameterGroups:
-        """What one physical cause moves together: its meaning on the machine, and the patterns of its parameters."""
+        """Parameters that one physical cause changes together, by group: meaning on the machine, and name patterns."""
         along, axes, found = self.file.along, self.file.axes, dict(_GROUPS)
         if along is not None:
             patterns = tuple(f"{joint}.t[{letters}]" for joint, letters in along.items())
@@ -358,11 +358,11 @@ class RobotDefinition:
 
     @property
     def _displaced(self) -> tuple[str, ...]:
-        """Joints that the file says may be displaced."""
+        """Joints that the file allows to be displaced."""
         return (*(self.file.along or ()), *(self.file.axes or ()))
 
     def check_displaced(self, joints: Collection[str]) -> None:
-        """Raise DescriptionError where the file lets a joint be displaced that is none of the chains'."""
+        """Raise DescriptionError where the file allows a joint to be displaced that is not in a chain."""
         for joint in self._displaced:
             if joint not in joints:
                 raise DescriptionError(self.path, f"'{joint}' is not a joint of the chains{closest(joint, joints)}")
@@ -380,7 +380,7 @@ class RobotDefinition:
 
     @functools.cached_property
     def groups(self) -> dict[str, tuple[Drive, ...]]:
-        """The drives that share a cause, by group: those of its first one's unit. The default groups hold the rest."""
+        """Drives that share a cause, by group: those with the unit of its first drive. Default groups hold the rest."""
         by_joint = {drive.joint: drive for drive in self.drives}
         named = {name: [by_joint[joint] for joint in joints] for name, joints in self.file.groups.items()}
         units = {name: members[0].unit for name, members in named.items()} | {ROTATIONS: "rad", SLIDES: "m"}
@@ -397,10 +397,10 @@ class RobotDefinition:
 
     @property
     def tool_words(self) -> tuple[str, str]:
-        """What is carried, and the point of it whose error counts, in sentences."""
+        """Words in sentences for what is carried, and for the point on it whose error counts."""
         return "the tool", self.loops.working_frame
 
     @property
     def travels(self) -> tuple[str, ...]:
-        """Names of the columns that say where the base stands, in m."""
+        """Names of the columns with the position of the base, in m."""
         return self.file.travel

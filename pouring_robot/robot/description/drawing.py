@@ -1,4 +1,4 @@
-"""The robot of the drawing as the controller believes it: closed poses for drive values."""
+"""The nominal robot, as the controller assumes it: closed poses for drive values."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _AGREE_M, _MOST_STEPS = 1e-12, 20
 
 
 class Drawing:
-    """Closes the robot of the drawing from home joint values (m, rad; zero where not named) outwards.
+    """Closes the nominal robot, starting from home joint values (m, rad; zero where not named).
 
-    On the way there loops may be open as those with errors, at the end as far as the options say. Where it does
-    not close at its home it raises ClosureError. A robot with closed forms overrides it.
+    On the way loops may be open as far as those of a robot with errors, at the end only as far as the options say.
+    Raises ClosureError where the robot does not close at its home. A robot with closed forms overrides this class.
     """
 
     def __init__(self, mechanism: ClosedChainMechanism, home: Mapping[str, float], options: ClosureOptions) -> None:
@@ -37,13 +37,13 @@ class Drawing:
 
     @property
     def most_open(self) -> tuple[float, float]:
-        """How far its loops may be open where it stands: m and rad."""
+        """How far its loops may be open at a closed pose: m and rad."""
         return self._options.max_gap_m, self._options.max_gap_rad
 
     @functools.cached_property
     def engine(self) -> Engine:
-        """What closes it for many drive values; loops may be open as those with errors."""
-        from pouring_robot.batch import engine_for  # heavy
+        """Engine that closes it for many drive values; loops may be open as far as those of a robot with errors."""
+        from pouring_robot.batch import engine_for  # slow to import
 
         return engine_for(self.mechanism)
 
@@ -54,35 +54,35 @@ class Drawing:
         return HomotopyStarts(self.engine, self._home, last=engine_for(self.mechanism, options=self._options))
 
     def starts(self, drives: FloatArray, /) -> BatchStart:
-        """Return the closed poses of drive values (n, drives), in m and rad; NaN where no pose has them."""
+        """Return the closed poses for drive values (n, drives), in m and rad; NaN where there is none."""
         key = len(drives), drives.tobytes()
-        if key not in self._known:  # one campaign is asked for many times
+        if key not in self._known:  # the same campaign is requested many times
             if len(self._known) == _KEPT:
                 del self._known[next(iter(self._known))]
             self._known[key] = self._followed.starts(drives)
         return self._known[key]
 
     def commands(self, commands: FloatArray, /) -> BatchCommand:
-        """Return the drives of commands (n, k), in m and rad, and the closed poses, NaN where there is none.
+        """Return the drive values for commands (n, k), in m and rad, and the closed poses, NaN where there is none.
 
-        Here the drive values are the commands.
+        In this class commands are drive values.
         """
         return BatchCommand(commands, commands, self.starts(commands))
 
     def in_reach(self, start: BatchStart, /) -> BoolArray:
-        """Return where there is a closed pose with all joints within their limits, (n,)."""
+        """Return which poses are closed with all joints within their limits, (n,)."""
         values = self.engine.structure.joint_values(start.joints)
         return np.isfinite(start.position).all(axis=1) & within_limits(self.mechanism, values)
 
     def configuration_at(self, drives: FloatArray, /) -> FloatArray:
-        """Return the closed configuration (nq,) of drives (drives,), in m and rad, or raise NoSolutionError."""
+        """Return the closed configuration (nq,) for drive values (drives,), in m and rad, or raise NoSolutionError."""
         start = self.starts(drives[None])
         if not np.isfinite(start.joints).all():
             raise NoSolutionError("no pose of the drawing has these drive values; check them against the joint limits")
         return np.asarray(self.engine.structure.configurations(start.joints)[0])
 
     def check_drives(self, drives: Mapping[str, float]) -> None:
-        """Refuse drive values (BadInputError) unless there is one for each drive and for nothing else."""
+        """Raise BadInputError unless there is a value for each drive and for nothing else."""
         wanted = self.mechanism.loops.drives
         expect(drives, Mapping, "drive values, in m and rad, are a mapping by the names of their joints")
         for name in drives:
@@ -94,10 +94,10 @@ class Drawing:
 
 
 def agreed(drawing: Drawing, drives: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return redundant drives (n, drives), in m and rad, that agree, near some that do not, and which do, (n,).
+    """Return redundant drive values (n, drives), in m and rad, adjusted until they agree, and which do, (n,).
 
-    Drives that no pose has stay as they are, and those of a robot that has none to spare. Where a joint cannot turn
-    further drives agree to first order though loops are wide open: they do not count as agreeing.
+    Values without a closed pose are left unchanged, and so are those of a robot without redundant drives. Where a joint
+    cannot turn further, drives agree to first order although loops are wide open: these do not count as agreeing.
     """
     if not drawing.mechanism.loops.redundant_drives:
         return drives, np.ones(len(drives), dtype=bool)
@@ -111,5 +111,5 @@ def agreed(drawing: Drawing, drives: FloatArray) -> tuple[FloatArray, BoolArray]
         drives = drives - (np.linalg.pinv(slopes) @ apart[..., None])[..., 0]
         closed = engine.close(drives, closed.as_start())
     gaps = np.linalg.norm(closed.residual.reshape(len(drives), -1, 2, 3), axis=-1).max(axis=1, initial=0.0)
-    # An unknown gap, of what does not close, is no gap that fits.
+    # A gap is NaN where the closure failed, and then does not count as small enough.
     return drives, (gaps <= drawing.most_open).all(axis=1)

@@ -1,4 +1,4 @@
-"""A drive: the joint that it moves, what it is called in files, and what is commanded for a value of its joint."""
+"""A drive: the joint that it moves, its names in files, and the command for a value of its joint."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ class Drive:
     column: str  # name of its campaign column, without unit
     unit: Literal["m", "rad"]  # of the joint, ``m`` or ``rad``
     command: Literal["length", "angle"]  # kind of the commanded quantity, which decides the units of its column
-    factor: float = 1.0  # by how much the joint moves (SI) for a command of one (SI)
+    factor: float = 1.0  # how far the joint moves (SI) for a command of one (SI)
     zero: float = 0.0  # value of the joint at a command of zero, in m or rad
     symbol: str = ""  # short name in tables and parameters
     words: str = ""  # name in sentences
 
     @classmethod
     def of(cls, entry: DriveEntry, kinds: Mapping[str, str], path: Path) -> Drive:
-        """Return the drive of an entry of the robot file at a path; ``kinds``: what each joint of the URDF is.
+        """Return the drive for an entry of the robot file at a path; ``kinds``: type of each joint of the URDF.
 
-        Raises DescriptionError where the entry's joint is none that drives, or has a ratio that is not its own.
+        Raises DescriptionError where the entry's joint cannot be a drive, or has a ratio of the wrong kind.
         """
         kind = kinds.get(entry.joint)
         if kind is None or kind not in UNITS:
@@ -52,28 +52,28 @@ class Drive:
 
     @property
     def approach_column(self) -> str:
-        """Name of the campaign column that says from which side it came."""
+        """Name of the campaign column with its side of approach."""
         return f"approach_{self.column}"
 
     @property
     def load(self) -> Literal["force", "moment"]:
-        """Kind of what it bears."""
+        """Kind of load it carries."""
         return "force" if self.unit == "m" else "moment"
 
     @property
     def force_column(self) -> str:
-        """Name of the campaign column that says what it carries."""
+        """Name of the campaign column with the load it carries."""
         return f"force_{self.column}"
 
     @property
     def per_turn(self) -> float | None:
-        """What it moves by in a turn of its joint or motor, in m or rad; None where its command says no turns."""
+        """Its travel per turn of its joint or motor, in m or rad; None where the command does not determine turns."""
         return 2.0 * math.pi if self.unit == "rad" else 2.0 * math.pi * self.factor if self.command == "angle" else None
 
     def turned(self, value: FloatArray, pitch_m: float | None) -> FloatArray:
-        """Return how far its joint or motor is turned, in rad, at values of the joint in m or rad; same shape.
+        """Return the angle of its joint or motor, in rad, at values of the joint in m or rad; same shape.
 
-        ``pitch_m`` is that of its screw where the robot file says none; without either nothing turns.
+        ``pitch_m`` is the pitch of its screw, used where the robot file states none; without either the angle is zero.
         """
         return np.asarray(2.0 * np.pi * value / abs(self.per_turn or pitch_m or np.inf))
 
@@ -86,5 +86,5 @@ class Drive:
         return np.asarray((value - self.zero) / self.factor)
 
     def side(self, side: FloatArray) -> FloatArray:
-        """Return the joint's side of approach for the command's, +1 rising, or the other way round; same shape."""
+        """Convert the side of approach (+1: rising) of the command to that of the joint, or back; same shape."""
         return np.asarray(side * np.sign(self.factor))

@@ -1,4 +1,4 @@
-"""A first robot file for somebody's URDF: what can be read from it, and comments on what to fill in."""
+"""A first robot file for a user's URDF: what can be read from it, and comments on what to fill in."""
 
 import itertools
 import json
@@ -26,13 +26,13 @@ from pouring_robot.robot.description.robot_file import FORMAT, TAKEN, RobotFile
 from pouring_robot.robot.description.urdf import carriers, check_sound, limits_said, parsed, read_urdf
 from pouring_robot.robot.description.xacro_to_urdf import run_xacro
 
-_TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, the likeliest first
+_TOOLS = ("tool0", "tcp", "tool", "flange", "ee", "end_effector")  # usual names of the last frame, likeliest first
 
 NO_MAPPINGS: Mapping[str, str] = MappingProxyType({})
 _TOGETHER = 1e-6  # m and rad
 _DEGREES_RAD = 30.0
-"""Limits beyond this, five turns, are asked about: no arm's joint has them in rad, every one in degrees."""
-_WORDS = r"true|false|yes|no|on|off|null|y|n|[.](\d.*|inf|nan)"  # that YAML takes for something else than text
+"""Limits beyond this, five turns, are questioned: no joint of an arm has them in rad, but every one in degrees."""
+_WORDS = r"true|false|yes|no|on|off|null|y|n|[.](\d.*|inf|nan)"  # that YAML does not read as text
 
 
 class _Tree:
@@ -64,12 +64,12 @@ class _Tree:
                 )
 
     def moving(self, link: str) -> list[str]:
-        """Return the joints that move on the way from the root down to a link."""
+        """Return the moving joints on the way from the root down to a link."""
         way = (self.joints[name] for name in reversed(carriers(self.root, link)[link]) if name in self.joints)
         return [str(joint.get("name")) for joint in way if joint.get("type") != "fixed"]
 
     def ends(self) -> list[str]:
-        """Return the links at which the tree ends: one with a usual tool's name first, else that which moves most.
+        """Return the links at which the tree ends: those with a usual name of a tool first, then those that move most.
 
         The fingers of a gripper move more than the tool between them.
         """
@@ -83,13 +83,13 @@ class _Tree:
         return sorted(leaves, key=rank)
 
     def homes(self) -> dict[str, float]:
-        """Return the middle of the range (m, rad) of each joint that cannot stand at zero."""
+        """Return the middle of the range (m, rad) of each joint whose limits exclude zero."""
         leading = {name: joint for name, joint in self.joints.items() if joint.find("mimic") is None}
         bounded = {n: limits_said(j) for n, j in leading.items() if j.get("type") in BOUNDED}
         return {name: (low + up) / 2.0 for name, (low, up) in bounded.items() if not low <= 0.0 <= up}
 
     def degrees(self) -> dict[str, str]:
-        """Return the limits of joints, in words, that may be in degrees."""
+        """Return the limits, in words, of joints whose limits may be in degrees."""
         turning = {name: limits_said(joint) for name, joint in self.joints.items() if joint.get("type") == "revolute"}
         return {name: f"{low:g} to {up:g} rad" for name, (low, up) in turning.items() if max(-low, up) > _DEGREES_RAD}
 
@@ -100,20 +100,20 @@ def _link(joint: etree._Element, end: str) -> str:
 
 
 def first_robot(urdf: Path, path: Path, mappings: Mapping[str, str] = NO_MAPPINGS) -> tuple[str, RobotDefinition]:
-    """Return the text of a robot file that is to stand at ``path`` for a URDF or xacro, and the robot it loads as.
+    """Return the text of a robot file, to be written to ``path``, for a URDF or xacro, and the robot that it defines.
 
-    Raises DescriptionError as :func:`first_robot_file`, or where the robot cannot be loaded, such as for its meshes.
+    Raises DescriptionError like :func:`first_robot_file`, or where the robot cannot be loaded, e.g. because of meshes.
     """
     text = first_robot_file(urdf, path.parent, mappings)
     return text, RobotDefinition(validate(RobotFile, parse_yaml(text, path), path), path)
 
 
 def first_robot_file(urdf: Path, beside: Path, mappings: Mapping[str, str] = NO_MAPPINGS) -> str:
-    """Return the text of a robot file for a URDF or a xacro, with paths relative to the folder in which it is to stand.
+    """Return the text of a robot file for a URDF or a xacro, with paths relative to the folder ``beside``.
 
-    Loops are taken over from a Gepetto ``robot.yaml`` that lies beside it (see :func:`loops_beside`); else links at
-    which branches end together in the zero pose are proposed in a comment. Raises DescriptionError: the URDF cannot be
-    read, Pinocchio cannot build it, nothing moves in it, or ``mappings``, arguments of a xacro, are given of none.
+    Loops are taken from a Gepetto ``robot.yaml`` in the URDF's folder (see :func:`loops_beside`); otherwise end links
+    that coincide in the zero pose are proposed in a comment. Raises DescriptionError where the URDF cannot be read,
+    Pinocchio cannot build it, nothing in it moves, or ``mappings``, arguments of a xacro, are given for a URDF.
     """
     rendered = urdf.suffix == ".xacro"
     if mappings and not rendered:
@@ -127,10 +127,10 @@ def first_robot_file(urdf: Path, beside: Path, mappings: Mapping[str, str] = NO_
         raise DescriptionError(urdf, "no joint of it moves a link at the end of the tree")
     end, *others = ends
     path, closed = tree.moving(end), loops_beside(urdf)
-    if closed is None:  # what floats or rolls below an arm is no drive: poses are seen from what it carries
+    if closed is None:  # what floats or rolls below an arm is not a drive: poses are relative to what it carries
         kinds = [tree.joints[name].get("type") for name in path]
         path = path[max((k for k, kind in enumerate(kinds, start=1) if kind not in UNITS), default=0) :]
-    # What follows another joint is driven by that one, wherever it is: a telescope's is often a branch of its own.
+    # A joint that mimics another is driven by it, wherever that is: a telescope's is often in a separate branch.
     mimics = {mimic.joint: mimic.leader for mimic in read_mimics(text, urdf)}
     led = dict.fromkeys(mimics.get(name, name) for name in path)
     drives = [name for name in led if name in tree.joints and tree.joints[name].get("type") in UNITS]
@@ -165,14 +165,14 @@ def first_robot_file(urdf: Path, beside: Path, mappings: Mapping[str, str] = NO_
 
 
 def loops_beside(urdf: Path) -> Path | None:
-    """Return Gepetto's ``robot.yaml`` beside a URDF, which says what it closes; None where there is none."""
+    """Return Gepetto's ``robot.yaml`` in a URDF's folder, which declares its loops; None where there is none."""
     path = urdf.parent / "robot.yaml"
     text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
     return path if re.search(r"^closed_loop\s*:", text, re.MULTILINE) else None
 
 
 def _meetings(mechanism: ClosedChainMechanism, ends: Sequence[str]) -> list[tuple[str, str, str]]:
-    """Return links that end branches and stand together in the zero pose: two names, and 6d where their axes do too."""
+    """Return pairs of end links that coincide in the zero pose: two names, and 6d where axes coincide too, else 3d."""
     frames, found = mechanism.frames_at(mechanism.neutral_configuration()).oMf, list[tuple[str, str, str]]()
     for a, b in itertools.combinations(ends, 2):
         motion = pin.log6(frames[mechanism.frame_id(a)].actInv(frames[mechanism.frame_id(b)]))
@@ -182,13 +182,13 @@ def _meetings(mechanism: ClosedChainMechanism, ends: Sequence[str]) -> list[tupl
 
 
 def _quoted(name: str) -> str:
-    """Return a name or path as YAML reads it back: in quotes where it might be more than a text."""
+    """Return a name or path as YAML text: in quotes where YAML might not read it back as text."""
     plain = re.fullmatch(r"[A-Za-z_./][\w./-]*", name) and not re.fullmatch(_WORDS, name, re.IGNORECASE)
     return name if plain else json.dumps(name)
 
 
 def _column(name: str, drives: Sequence[str]) -> str:
-    """Return a column for a drive whose joint's name is one that campaigns have for something else, otherwise ""."""
+    """Return a column for a drive whose joint has a name that campaigns use for something else, otherwise ""."""
     if name not in TAKEN:
         return ""
     column = f"{name}_drive"

@@ -1,4 +1,4 @@
-"""The robot file, ``robot.yaml``, as it is written: its keys, and what is wrong with them by themselves."""
+"""Schema of the robot file, ``robot.yaml``: its keys, and checks of them that need no other file."""
 
 from pathlib import Path
 from typing import Literal, Self
@@ -15,8 +15,8 @@ POSITION, ROTATION = ("x", "y", "z"), ("rx", "ry", "rz")
 DISTANCE = ("distance", "distance_from")
 MEASURED, AMBIENT = (*POSITION, *ROTATION, DISTANCE[0]), "ambient"
 TAKEN = frozenset({"sample", "session", "time", "payload", AMBIENT, *POSITION, *ROTATION, *DISTANCE})
-"""What campaigns have columns of, whatever the robot."""
-_JOINT_UNIT = "m or rad"  # that of what describes a key is said where its value is wrong
+"""Names of columns that campaigns have for any robot."""
+_JOINT_UNIT = "m or rad"  # description of a key; messages about wrong values show it
 
 
 class DriveEntry(StrictModel):
@@ -24,8 +24,8 @@ class DriveEntry(StrictModel):
 
     joint: str  # the URDF joint that it moves
     column: str = ""  # name of its column in a campaign, without unit; by default the joint's name
-    ratio: float = 1.0  # by how much the joint moves for a command of one of the same kind (a gear; below 1 slows down)
-    # travel of a sliding joint for a whole turn of its motor; the command is then an angle
+    ratio: float = 1.0  # how far the joint moves for a command of one of the same kind (a gear; below 1: a reduction)
+    # travel of a sliding joint per turn of its motor; the command is then an angle
     mm_per_turn: float | None = None
     zero: float = pydantic.Field(default=0.0, description=_JOINT_UNIT)  # value of the joint at a command of zero
 
@@ -39,40 +39,40 @@ class DriveEntry(StrictModel):
 
 
 class RobotFile(StrictModel):
-    """A robot file as written; paths are relative to it."""
+    """Content of a robot file; paths are relative to it."""
 
     format: Literal["pouring_robot/robot/1"]  # kind and version of the file
-    # what the robot is called in campaigns and reports
+    # name of the robot in campaigns and reports
     name: str = pydantic.Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
     urdf: str | None = None  # the URDF; or ``xacro`` with its ``mappings``
     xacro: str | None = None
     mappings: dict[str, str] = pydantic.Field(default_factory=dict)
-    # poses are seen from it. Where ``loops`` is a file, this and all down to ``locked_joints`` may be left to it.
+    # poses are relative to it. Where ``loops`` is a file, the keys from here to ``locked_joints`` may be in that file.
     base_frame: str | None = None
     end_frame: str | None = None  # the body whose pose is measured
-    tool_frames: tuple[str, ...] = ()  # further frames on that body; the last is where the error counts
-    # what is closed, in the file itself or in a loops file; none for a serial arm
+    tool_frames: tuple[str, ...] = ()  # further frames on that body; the error counts at the last one
+    # closed loops, in the file itself or in a loops file; none for a serial arm
     loops: tuple[LoopSpec, ...] | str = ()
     cut_joints: tuple[str, ...] = ()  # joints that carry the end body in the tree only
     locked_joints: tuple[str, ...] = ()  # joints that take no part in the closure
-    # joints of another kind than the URDF says, such as ``spherical`` or ``universal_xy``
+    # joints of another type than in the URDF, such as ``spherical`` or ``universal_xy``
     joint_types: dict[str, JointKind] = pydantic.Field(default_factory=dict)
     stiffness: LoopStiffness | None = None  # of each closure
     drives: tuple[DriveEntry, ...] = pydantic.Field(min_length=1)  # what the controller commands, in this order
-    # whether there are more of them than freedoms: what they disagree by is then measured
+    # whether there are more drives than degrees of freedom: their disagreement is then a measurement
     redundant_drives: bool = False
-    # drives that share a cause, all angles or all lengths, as the first is; by default all angles, and all lengths
+    # drives that share a cause, all angles or all lengths, like the first; by default all angles, and all lengths
     groups: dict[str, tuple[str, ...]] = pydantic.Field(default_factory=dict)
-    # joints that may stand elsewhere than drawn, or only along an axis of theirs (``anchor.tx``); by default all. Where
-    # nothing outside measures, joints that are left out define the frame in which the others' errors are told.
+    # joints that may be displaced, or only along one of their axes (``anchor.tx``); by default all. Where no external
+    # device measures, joints that are left out define the frame in which the others' errors are given.
     places: tuple[str, ...] | None = None
-    axes: tuple[str, ...] | None = None  # joints whose axes may point elsewhere; by default all
-    tolerances: str | None = None  # a tolerances file of this robot's own
-    # force on a sliding drive at which its stretch is given; ``usual_moment_nm`` on a turning one
+    axes: tuple[str, ...] | None = None  # joints whose axes may be tilted; by default all
+    tolerances: str | None = None  # the robot's own tolerances file
+    # force on a linear drive for which its stretch is stated; ``usual_moment_nm``: moment on a rotary drive
     usual_force_n: float = pydantic.Field(default=1000.0, gt=0.0)
     usual_moment_nm: float | None = pydantic.Field(default=None, gt=0.0)  # by default what the drives are made for
     payload_frame: str | None = None  # where a payload hangs
-    travel: tuple[str, ...] = ()  # joints that carry base_frame and all in it; they take no part in the closure either
+    travel: tuple[str, ...] = ()  # joints that carry base_frame and all in it; they take no part in the closure
     # joint values near which the robot closes; by default all zero
     home: dict[str, float] = pydantic.Field(default_factory=dict, description=_JOINT_UNIT)
 
@@ -82,7 +82,7 @@ class RobotFile(StrictModel):
             raise ValueError("give either urdf or xacro")
         if not isinstance(self.loops, str) and (self.base_frame is None or self.end_frame is None):
             raise ValueError("base_frame and end_frame are needed; only a loops file may name them instead")
-        # What is said of drives counts over a loops file too, which would be blamed for it if only that were checked.
+        # Keys about drives override a loops file, which would be blamed if its check came first.
         joints = {entry.joint for entry in self.drives}
         for group, members in self.groups.items():
             if len(set(members)) < max(len(members), 1):
@@ -110,7 +110,7 @@ class RobotFile(StrictModel):
 
     @property
     def along(self) -> dict[str, str] | None:
-        """Along which of its axes (``xyz``) each joint of ``places`` may stand elsewhere; None: all of them."""
+        """Axes (``xyz``) along which each joint of ``places`` may be displaced; None: all joints, along all."""
         found: dict[str, str] = {}
         for name in self.places or ():
             joint, _, axis = name.rpartition(".t") if name.endswith((".tx", ".ty", ".tz")) else (name, "", "xyz")

@@ -1,10 +1,10 @@
-"""What a robot description from somebody else may do: no code runs, and nothing far from it is read.
+"""What an untrusted robot description may do: it runs no code, and reads no files outside its surroundings.
 
-xacro evaluates Python expressions. Its own guard looks only at the outermost of them, and ``$(eval …)`` gives them all
-of Python; both would run a stranger's code. So expressions are looked through to the last part before they are
-evaluated, ``$(eval …)`` and the environment are refused, and files are read from the folder above the description
-down, and from those that the environment variable :data:`FOLDERS_VARIABLE` names; packages of ROS are looked for there.
-How long an expression takes is not limited.
+xacro evaluates Python expressions. Its own guard checks only the outermost node, and ``$(eval …)`` gives access to all
+of Python; both would run untrusted code. So every node of an expression is checked before it is evaluated, and
+``$(eval …)`` and the environment are refused. Files are read only below the folder above the description, and below
+those that the environment variable :data:`FOLDERS_VARIABLE` names; ROS packages are searched there. The time that an
+expression takes is not limited.
 """
 
 import ast
@@ -19,7 +19,7 @@ from typing import IO, Any, NoReturn
 from pouring_robot.exceptions import DescriptionError
 
 FOLDERS_VARIABLE = "POURING_ROBOT_DESCRIPTIONS"
-"""Environment variable with further folders that descriptions may read, parted as in ``PATH``."""
+"""Environment variable with further folders that descriptions may read, separated as in ``PATH``."""
 _LONGEST = 10_000  # characters of an expression
 _REFUSED = {
     "_eval": "$(eval …): write ${…}",
@@ -33,9 +33,9 @@ _INTROSPECTION = re.compile(
 
 
 def readable(path: Path | str, folder: Path, also: Iterable[Path] = ()) -> Path:
-    """Return a path, absolute or in a description's folder, that the description may read, or raise DescriptionError.
+    """Return a path, absolute or in a description's folder, if the description may read it, or raise DescriptionError.
 
-    It may read from the folder above its own down, and the files ``also`` wherever they are.
+    It may read everything below the folder above its own, and the files ``also`` wherever they are.
     """
     target = Path(os.path.realpath(folder / path))
     if any(target.is_relative_to(place.resolve()) for place in (*_folders(folder), *also)):
@@ -45,19 +45,19 @@ def readable(path: Path | str, folder: Path, also: Iterable[Path] = ()) -> Path:
 
 
 def _folders(folder: Path) -> list[Path]:
-    """Return what a description in a folder may read: the one above it, and those that are named."""
+    """Return the folders that a description in a folder may read: the one above it, and those in the variable."""
     own = Path(os.path.realpath(folder))
-    # A folder at the top of the disk does not open all of it.
+    # A folder directly below the root does not give access to the whole disk.
     above = own if own.parent == Path(own.anchor) else own.parent
     named = filter(None, os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep))
     return [above, *(Path(place).resolve() for place in named)]
 
 
 def package(name: str, folder: Path) -> Path:
-    """Return the folder of a ROS package: the one above a description's folder, beside it, or among those named.
+    """Return the folder of a ROS package: the one above a description's folder, next to it, or among those named.
 
     A clone is often called otherwise than its package: what stands in its ``package.xml`` counts as well. Raises
-    DescriptionError where there is none of that name.
+    DescriptionError where there is no package of that name.
     """
     for place in _folders(folder):
         for found in (place, place / name):
@@ -73,8 +73,8 @@ def package(name: str, folder: Path) -> Path:
 
 @contextlib.contextmanager
 def confined(folder: Path, also: Iterable[Path] = ()) -> Iterator[None]:
-    """Keep xacro, which works in module globals, from running code and reading elsewhere, while the context lasts."""
-    from unittest import mock  # heavy, as is the next, and for this only
+    """Prevent xacro, which uses module globals, from running code and reading elsewhere, while the context lasts."""
+    from unittest import mock  # slow to import, as is the next, and used only here
 
     import xacro.substitution_args
 
@@ -90,7 +90,7 @@ def confined(folder: Path, also: Iterable[Path] = ()) -> Iterator[None]:
         return readable(Path.cwd() / path, folder, also).open(encoding="utf-8")
 
     def found(name: str) -> str:
-        with contextlib.suppress(DescriptionError):  # it is asked for where something of it is read
+        with contextlib.suppress(DescriptionError):  # raised again where a file of the package is read
             return str(package(name, folder))
         return f"package://{name}"
 
@@ -109,9 +109,9 @@ def _refuse(said: str, *_: Any, **__: Any) -> NoReturn:
     raise ValueError(f"descriptions may not use {said}")
 
 
-@functools.lru_cache(maxsize=1000)  # a robot has the same ones for each of its legs
+@functools.lru_cache(maxsize=1000)  # each leg of a robot has the same expressions
 def _check(expression: str) -> None:
-    """Raise ValueError for an expression by which one could get at more than numbers, words and lists."""
+    """Raise ValueError for an expression that could access more than numbers, words and lists."""
     if len(expression) > _LONGEST:
         raise ValueError("an expression is too long")
     for node in ast.walk(ast.parse(expression.strip(), mode="eval")):

@@ -1,9 +1,9 @@
-"""URDF texts: one joint displaced, and a folder with all that a URDF names.
+"""URDF texts: displaced joints, and a folder with all files that a URDF names.
 
-A URDF is a plain string here. :func:`perturb_urdf` moves single joints in it, which is how every geometric error
-enters a mechanism, and :func:`write_urdf` puts it into a folder with its meshes, so that any other program can load it.
-A text that is not readable XML, a mesh or a folder that is missing, or is where a description may not read, raises
-DescriptionError.
+A URDF is a plain string here. :func:`perturb_urdf` displaces single joints in it, which is how every geometric error
+enters a mechanism, and :func:`write_urdf` writes it into a folder with its meshes, so that any other program can load
+it. DescriptionError is raised for text that is not readable XML, and for a mesh or folder that is missing or that a
+description may not read.
 """
 
 import contextlib
@@ -24,11 +24,11 @@ from pouring_robot.robot.description.untrusted import package, readable
 MESH_PACKAGE = "package://pouring_robot_description/meshes"
 _ROUND_OFF = 1e-15
 _FARTHEST = 30.0
-"""How far a centre of mass may be, over the length of all joints and a metre: of one in mm it is a thousand times."""
+"""How far a centre of mass may be, over the length of all joints plus a metre: one in mm is a thousand times off."""
 
 
 def shipped_folder(name: str, holds: str, words: str) -> Path:
-    """Return a folder that comes with the package and holds a file: in an installed one, beside it in a checkout."""
+    """Return a shipped folder that holds a file: inside an installed package, next to the package in a checkout."""
     package = Path(__file__).resolve().parents[2]
     for folder in (package / name, package.parent / name):
         if (folder / holds).is_file():
@@ -42,15 +42,15 @@ def description_folder() -> Path:
 
 
 def read_urdf(path: Path) -> str:
-    """Return the text of a URDF without blank lines before it, which readers of URDFs allow and XML does not.
+    """Return the text of a URDF without leading blank lines, which readers of URDFs allow and XML does not.
 
-    Nor with the mark that some editors begin a file with.
+    The byte order mark that some editors write is removed too.
     """
     return read_text(path).lstrip("\ufeff \t\r\n")
 
 
 def parsed(urdf: str, source: Path | str = "URDF") -> etree._Element:
-    """Return the root of a URDF; raises DescriptionError of its source where the text is not readable XML."""
+    """Return the root of a URDF; raises DescriptionError, with its source, where the text is not readable XML."""
     try:
         return etree.fromstring(urdf.encode())
     except etree.XMLSyntaxError as error:
@@ -59,7 +59,7 @@ def parsed(urdf: str, source: Path | str = "URDF") -> etree._Element:
 
 
 def xml_text(root: etree._Element, *, indented: bool = False) -> str:
-    """Return an XML text, which ends with a line; indented where it was made element by element."""
+    """Return XML text that ends with a newline; ``indented`` for a tree that was built element by element."""
     if indented:
         etree.indent(root)
     return str(etree.tostring(root, encoding="unicode")) + "\n"
@@ -71,9 +71,9 @@ def text(values: Iterable[float]) -> str:
 
 
 def reach(urdf: str, values: Mapping[str, float], driven: Collection[str]) -> float:
-    """Return the longest way from the root to a link, stretched out, in m.
+    """Return the length of the longest chain from the root to a link, stretched out, in m.
 
-    Slides count with their values (m), or, where these are zero, with how far they are driven.
+    Slides count with their values (m), or, where these are zero and they are driven, with their range.
     """
     root, steps = etree.fromstring(urdf.encode()), dict[str, float]()
     for joint in root.iterfind("joint"):
@@ -88,7 +88,7 @@ def reach(urdf: str, values: Mapping[str, float], driven: Collection[str]) -> fl
 def carriers(root: etree._Element, *frames: str) -> dict[str, list[str]]:
     """Return the joints, moving and fixed, that carry each of some frames of a URDF, the nearest first.
 
-    A frame is a link, or a joint, which is then one of them itself.
+    A frame is a link or a joint; a joint counts among its own carriers.
     """
     whole = (j for j in root.iterfind("joint") if j.find("parent") is not None and j.find("child") is not None)
     joints = {j.get("name"): [j.find(end).get("link") for end in ("parent", "child")] for j in whole}
@@ -105,32 +105,32 @@ def carriers(root: etree._Element, *frames: str) -> dict[str, list[str]]:
 
 
 def robot_name(root: etree._Element) -> str:
-    """Return what a robot, and a file of it, is called: the name that its URDF says, which is no path."""
+    """Return the name of a robot and of its files: that in the URDF, made safe as a file name."""
     return str(root.get("name", "robot")).replace("/", "_")
 
 
 def joint_axis(joint: etree._Element) -> FloatArray:
-    """Return the axis of a joint as it is written, of any length, (3,)."""
+    """Return the axis of a joint as written, of any length, (3,)."""
     axis = joint.find("axis")
     return np.array(("1 0 0" if axis is None else axis.get("xyz", "1 0 0")).split(), dtype=float)
 
 
 def limits_said(joint: etree._Element) -> tuple[float, float]:
-    """Return the limits of a joint, m or rad; zeros where it says none."""
+    """Return the limits of a joint as written, m or rad; zeros where it has none."""
     limit = joint.find("limit")
     return (0.0, 0.0) if limit is None else (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
 
 
 def limits_of(joint: etree._Element) -> tuple[float, float] | None:
-    """Return the limits of a joint, m or rad; None where it has none, by its type or as both are one value."""
+    """Return the limits of a joint, m or rad; None where it has none, by its type or because both are equal."""
     lower, upper = limits_said(joint)
     return (lower, upper) if joint.get("type") in BOUNDED and lower < upper else None
 
 
 def check_sound(root: etree._Element, source: Path | str) -> None:
-    """Refuse what readers take without a word: axes of no length, limits the wrong way round, masses less than none.
+    """Refuse what readers accept without warning: axes of zero length, reversed limits, negative masses.
 
-    And masses that are far from the robot, whose weight would be a moment that no robot bears.
+    Masses far from the robot, whose weight would be a moment that no robot can carry, are refused too.
     """
     size = 1.0
     for part in root.iterfind("*"):
@@ -156,7 +156,7 @@ def _fault(part: etree._Element) -> str:
         kind, axis, (lower, upper) = part.get("type"), joint_axis(part), limits_said(part)
         if kind in UNITS and (axis.shape != (3,) or not axis.any()):
             return "it has no direction; give its axis three numbers, not all zero"
-        # One that says none is taken across z by all who move planar joints, though axes that nobody says are x.
+        # Programs that move planar joints take z as normal of a joint without axis, though the default axis is x.
         said = kind == "planar" and part.find("axis") is not None
         if said and (axis.shape != (3,) or axis[:2].any() or not axis[2]):
             return (
@@ -173,10 +173,10 @@ def _fault(part: etree._Element) -> str:
 
 
 def perturb_urdf(urdf: str, placements: Mapping[str, pin.SE3], source: Path | str = "URDF") -> str:
-    """Return the URDF with single joints, by name, displaced; ``source`` is the file that errors name.
+    """Return the URDF with single joints, by name, displaced; ``source`` is the file that error messages name.
 
-    Each joint's origin M becomes M times its displacement; all else stays as it is. Numbers are written so that reading
-    them gives the same double again: errors of a nanometre survive. Raises UnknownJointError, ValueError where a
+    Each joint's origin M becomes M times its displacement; everything else is unchanged. Numbers are written so that
+    they read back as the same doubles: errors of a nanometre survive. Raises UnknownJointError, ValueError where a
     displacement is not finite, or DescriptionError where the text is not readable XML or an origin is not six numbers.
     """
     root = parsed(urdf, source)
@@ -195,17 +195,17 @@ def perturb_urdf(urdf: str, placements: Mapping[str, pin.SE3], source: Path | st
 
 
 def with_mesh_files(urdf: str) -> str:
-    """Return the URDF with the meshes of our own package addressed as files, for readers that know no packages."""
+    """Return the URDF with the meshes of our own package addressed as files, for readers that resolve no packages."""
     return urdf.replace(MESH_PACKAGE, (description_folder() / "meshes").as_posix())
 
 
 def _of_others(address: str) -> bool:
-    """Return whether a mesh lies in a package that is not ours."""
+    """Return whether a mesh is in another package than ours."""
     return address.startswith("package://") and not address.startswith(MESH_PACKAGE)
 
 
 def meshes_from(urdf: str, folder: Path) -> str:
-    """Return the URDF with the addresses of meshes made absolute: of files, and of those in packages that are here."""
+    """Return the URDF with absolute addresses of meshes: of files, and of those in packages that can be found."""
     if "<mesh" not in urdf:
         return urdf
     root = parsed(urdf)
@@ -214,7 +214,7 @@ def meshes_from(urdf: str, folder: Path) -> str:
         if kind in ("", "file"):
             mesh.set("filename", str(readable(address, folder)))
         elif _of_others(mesh.get("filename")):
-            with contextlib.suppress(DescriptionError):  # who only calculates needs none of them
+            with contextlib.suppress(DescriptionError):  # computations do not need meshes
                 name, _, rest = address.partition("/")
                 if (file := readable(package(name, folder) / rest, folder)).is_file():
                     mesh.set("filename", str(file))
@@ -225,22 +225,22 @@ def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
     """Write a URDF with its meshes, and further files ``beside`` it, into a folder, all or nothing; return its path.
 
     Mesh addresses become relative (``meshes/…``), which readers resolve from the URDF's own folder, so that the folder
-    can be moved or sent away. Raises OutputError where it cannot be written, and is left as it was.
+    can be moved or sent. Raises OutputError where it cannot be written; the folder is then unchanged.
     """
     return write_together(urdf_files(urdf, folder, beside))[-1]
 
 
 def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> dict[Path, bytes]:
-    """Return what :func:`write_urdf` writes, by path; the URDF last."""
+    """Return the files that :func:`write_urdf` writes, by path; the URDF last."""
     root = parsed(urdf)
     files, names = dict[Path, bytes](), dict[Path, str]()
     for mesh in root.iter("mesh"):
         if _of_others(mesh.get("filename", "")):
-            continue  # of a package that only its owner has: the address stays
+            continue  # in a package that only its owner has: the address stays
         source = _mesh_path(mesh.get("filename", ""))
-        if source not in names:  # what is seen and what collides are often called alike, in two folders or formats
+        if source not in names:  # visual and collision meshes often have the same name, in two folders or formats
             others = itertools.chain([source.name], (f"{k}_{source.name}" for k in itertools.count(2)))
-            stems = {Path(name).stem for name in names.values()}  # by which every other format of it is called, too
+            stems = {Path(name).stem for name in names.values()}  # which name the mesh's other formats, too
             names[source] = next(name for name in others if Path(name).stem not in stems)
         try:
             files[folder / "meshes" / names[source]] = source.read_bytes()
@@ -249,7 +249,7 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
         mesh.set("filename", f"meshes/{names[source]}")
     _say_massless(root)
     _say_unit_axes(root)
-    if root.find("mujoco") is None:  # its compiler melts links and drops visuals of a URDF; others pass it over
+    if root.find("mujoco") is None:  # by default MuJoCo fuses links and drops visuals of a URDF; others ignore this
         settings = {"fusestatic": "false", "discardvisual": "false", "balanceinertia": "false", "strippath": "false"}
         etree.SubElement(etree.SubElement(root, "mujoco"), "compiler", settings)
     files |= {folder / name: content for name, content in (beside or {}).items()}
@@ -259,7 +259,7 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
 
 
 def _say_massless(root: etree._Element) -> None:
-    """Give frames that something carries a mass of zero: left unsaid, some readers take it for 1 kg."""
+    """Write a mass of zero for carried frames that state no mass: some readers would take it as 1 kg."""
     carried = {joint.find("child").get("link") for joint in root.iterfind("joint")}
     for link in root.iterfind("link"):
         if link.get("name") in carried and link.find("inertial") is None:
@@ -269,7 +269,7 @@ def _say_massless(root: etree._Element) -> None:
 
 
 def _say_unit_axes(root: etree._Element) -> None:
-    """Give axes the length 1 where they have another: some readers let a joint slide that many times as far."""
+    """Normalise axes to length 1: some readers multiply the travel of a joint by the length."""
     for joint in root.iterfind("joint"):
         axis = joint_axis(joint)
         length = np.linalg.norm(axis)
@@ -278,7 +278,7 @@ def _say_unit_axes(root: etree._Element) -> None:
 
 
 def origin_pose(element: etree._Element, source: Path | str = "URDF") -> pin.SE3:
-    """Return where a joint, shape or mass has its origin; raises DescriptionError where that is not six numbers."""
+    """Return the origin of a joint, shape or mass; raises DescriptionError where it is not six numbers."""
     xyz, rpy = (_three(element, key, source) for key in ("xyz", "rpy"))
     return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
 
@@ -289,14 +289,14 @@ def _three(element: etree._Element, attribute: str, source: Path | str) -> Float
     try:
         x, y, z = (float(part) for part in written.split())
     except ValueError as error:
-        named = element if element.get("name") else element.getparent()  # a mass is its link's
+        named = element if element.get("name") else element.getparent()  # a mass is named by its link
         problem = f"{named.tag} {named.get('name')}: origin {attribute}='{written}' is not three numbers"
         raise DescriptionError(source, problem) from error
     return np.array([x, y, z])
 
 
 def _mesh_path(address: str) -> Path:
-    """Return the file a mesh address stands for: our own package, or a plain path."""
+    """Return the file of a mesh address: in our own package, or a plain path."""
     if address.startswith(MESH_PACKAGE):
         meshes = description_folder() / "meshes"
         path = readable(address.removeprefix(MESH_PACKAGE).lstrip("/"), meshes)

@@ -1,4 +1,4 @@
-"""Running xacro in this process, and finding the file at fault when it fails."""
+"""Runs xacro in this process, and finds the file at fault when it fails."""
 
 import html
 import os
@@ -14,7 +14,7 @@ from pouring_robot.exceptions import DescriptionError
 from pouring_robot.io.files import read_text
 from pouring_robot.robot.description.untrusted import confined
 
-# How xacro begins to complain about the way a macro is called.
+# Beginnings of xacro's messages about wrong calls of a macro.
 _CALLERS_FAULTS = ("Invalid parameter", "Undefined parameters", "Not enough blocks", "Unused block")
 
 # xacro keeps its file stack, arguments and include list in module globals.
@@ -22,11 +22,11 @@ _lock = threading.Lock()
 
 
 def run_xacro(path: Path, arguments: Mapping[str, str], also: Iterable[Path] = ()) -> str:
-    """Return what xacro makes of a file, maybe a stranger's (see ``strangers``), with its mappings; thread-safe.
+    """Return xacro's output for a file, possibly untrusted (see ``untrusted.py``), with its mappings; thread-safe.
 
-    Raises DescriptionError where the file, or one it includes, is wrong; names the one at fault.
+    Raises DescriptionError, which names the file at fault, where the file or one it includes is wrong.
     """
-    read_text(path)  # where it is not there, xacro says so twice
+    read_text(path)  # xacro would report a missing file twice
     with _lock, confined(path.parent, also):
         try:
             document = xacro.process_file(str(path), mappings=dict(arguments), verbosity=0)
@@ -36,7 +36,7 @@ def run_xacro(path: Path, arguments: Mapping[str, str], also: Iterable[Path] = (
             cause: BaseException | None = error
             while cause is not None and not isinstance(cause, DescriptionError):
                 cause = cause.__cause__ or cause.__context__
-            if cause is not None:  # ours, which xacro may have wrapped
+            if cause is not None:  # our own error, which xacro may have wrapped
                 raise cause from None
             problem = f"xacro: {error or type(error).__name__}"
             if asked := re.search(r"Undefined substitution argument (\w+)", problem):
@@ -45,7 +45,7 @@ def run_xacro(path: Path, arguments: Mapping[str, str], also: Iterable[Path] = (
                     f"; give it in the robot file, as mappings: {{{name}: …}}, or to robot init as --mapping {name}=…"
                 )
             raise DescriptionError(_file_at_fault(path, str(error)), problem) from error
-        # The banner names the path of this machine; the same description must give the same text anywhere.
+        # The banner contains a path of this machine; the same description must give the same text anywhere.
         for node in list(document.childNodes):
             if node.nodeType == node.COMMENT_NODE:
                 document.removeChild(node)
@@ -53,10 +53,10 @@ def run_xacro(path: Path, arguments: Mapping[str, str], also: Iterable[Path] = (
 
 
 def _file_at_fault(path: Path, problem: str) -> Path:
-    """Return the file xacro stumbled over: on failure it leaves its stacks as they stood.
+    """Return the file at which xacro failed: on failure it leaves its stacks as they were.
 
-    The macro on top is not always at fault: xacro enters it before it evaluates what its caller passes, and evaluates
-    properties where they are used. So the file must hold the text that the problem quotes.
+    The macro on top is not always at fault: xacro enters it before it evaluates the caller's arguments, and evaluates
+    properties where they are used. So the file must contain the text that the error message quotes.
     """
     stacks = [xacro.filestack, *(macro.history[-1] for macro in xacro.macrostack or [])]
     entered = [Path(os.path.normpath(stack[-1])) for stack in stacks if stack and stack[-1]] or [path]

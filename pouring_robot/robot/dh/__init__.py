@@ -1,4 +1,4 @@
-"""The paper's DH table: 32 parameters a chain, read off the URDF, and the joint placements they stand for."""
+"""The paper's DH table: 32 parameters per chain, computed from the URDF, and the equivalent joint placements."""
 
 import lazy_loader
 

@@ -20,19 +20,19 @@ chain passes it from the foot to the platform, against the direction in which th
 
 Matrices are homogeneous, shape (..., 4, 4), in m; twists are ordered (linear, angular), as in Pinocchio.
 
-A chain's numbers are read off the loaded nominal robot; nothing is typed in. Where the definition leaves a choice it
+A chain's numbers are computed from the loaded nominal robot; none is typed in. Where the definition leaves a choice, it
 is made as follows:
 
 * S_1 lies on S_2, with x_1 vertical and pointing down through the U-joint centre. So θ_2 is the joint's own value, d_1
-  the way along S_1 to the centre, α_12 a turn about a vertical axis, α_01 a turn about x.
+  the distance along S_1 to the centre, α_12 a rotation about a vertical axis, α_01 a rotation about x.
 * An axis points as its URDF joint does, so a joint variable is a constant plus the URDF joint value.
 * Between axes that meet, x_j is S_j × S_{j+1} in the upper and S_{j+1} × S_j in the lower half of the leg: α is +90°
   above, −90° below, and θ_4 is zero. Elsewhere a ≥ 0, that is, x_j points from S_j to S_{j+1}.
 
-The paper's table of nominal values is lost. The place of S_1 and the direction of x_1 are the ones that give what its
-text says of chain 1: seven errors that reach 1 mm, X as main direction of α_12 and θ_1 and Y of α_01, equal spread of
-α_01 and θ_1, a narrow one of α_12. The signs change no size of an effect; with one
-rule for both halves α_56 and θ_4 err by +1.3175 and −1.3175 mm, as the paper has it, with ours both by −1.3175.
+The paper's table of nominal values is lost. The position of S_1 and the direction of x_1 are those that reproduce what
+its text says of chain 1: seven errors that reach 1 mm, X as main direction of α_12 and θ_1 and Y of α_01, equal spread
+of α_01 and θ_1, a narrow one of α_12. The signs do not change the size of an effect: with one rule for both halves,
+α_56 and θ_4 err by +1.3175 and −1.3175 mm as in the paper, with ours both by −1.3175.
 """
 
 import functools
@@ -64,9 +64,9 @@ _REPRODUCTION_TOLERANCE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class DHChain(ReadOnly):
-    """One chain: its nominal DH numbers and where they sit in the URDF."""
+    """One chain: its nominal DH parameters and their places in the URDF."""
 
-    number: int  # 1 to 4, the place of its loop in the loops file
+    number: int  # 1 to 4, the position of its loop in the loops file
     joints: tuple[str, ...]  # the six URDF joints whose placements make up the chain; the last is the (fixed) seat
     nominal: FloatArray  # a, α, d, θ of the eight transforms at joint value zero, shape (8, 4), in m and rad
     before: FloatArray  # constant matrices of the six sites, shape (6, 4, 4); ``after`` likewise (see module docstring)
@@ -87,13 +87,13 @@ class DHChain(ReadOnly):
         return np.asarray(np.concatenate([first[..., None, :, :], transforms[..., 3:, :, :]], axis=-3))
 
     def displacements(self, errors: FloatArray) -> FloatArray:
-        """Return the displacement E of each site that equals DH errors (..., 8, 4), exactly; shape (..., 6, 4, 4)."""
+        """Return the displacement E of each site, (..., 6, 4, 4), exactly equivalent to DH errors (..., 8, 4)."""
         sites = self.site_transforms(errors)
         sites[..., SEAT, :, :] = inverse(sites[..., SEAT, :, :])
         return np.asarray(self.before @ sites @ self.after)
 
     def targets(self, displacements: FloatArray) -> FloatArray:
-        """Return the site transforms that given displacements (6, 4, 4) ask for: inverse of the former."""
+        """Return the site transforms equivalent to displacements (6, 4, 4): the inverse of :meth:`displacements`."""
         sites = inverse(self.before) @ displacements @ inverse(self.after)
         sites[SEAT] = inverse(sites[SEAT])
         return np.asarray(sites)
@@ -106,7 +106,7 @@ class DHChain(ReadOnly):
         twists[:, D, 2] = twists[:, THETA, 5] = 1.0
         turn_back = adjoint(inverse(dh_transform(values * np.array([0.0, 0.0, 1.0, 1.0]))))
         twists[:, A], twists[:, ALPHA] = turn_back[:, :, 0], turn_back[:, :, 3]
-        # The first site holds three transforms: carry the twists of the first two on to its end.
+        # The first site holds three transforms: transform the twists of the first two to its end.
         twists[0] = twists[0] @ pin.SE3(transforms[1] @ transforms[2]).inverse().action.T
         twists[1] = twists[1] @ pin.SE3(transforms[2]).inverse().action.T
         return twists
@@ -143,12 +143,12 @@ def inverse(matrix: FloatArray) -> FloatArray:
 
 
 def adjoint(transforms: FloatArray) -> FloatArray:
-    """Return the matrices (n, 6, 6) that carry twists (linear, angular) through rigid transforms (n, 4, 4)."""
+    """Return the adjoint matrices (n, 6, 6), for twists (linear, angular), of rigid transforms (n, 4, 4)."""
     return np.array([pin.SE3(transform).action for transform in transforms])
 
 
 class NotUPUError(BadInputError):
-    """A DH table was asked for a mechanism whose chains are not of the UPU kind."""
+    """A DH table was requested for a mechanism whose chains are not UPU chains."""
 
     def __init__(self, chain: str, problem: str) -> None:
         super().__init__(
@@ -160,18 +160,18 @@ class NotUPUError(BadInputError):
 def dh_chain(mechanism: ClosedChainMechanism, index: int) -> DHChain:
     """Derive the DH chain of one loop, counted from 0, of the nominal robot's mechanism.
 
-    Raises NotUPUError where it is not R R P R R from base to end frame, or axes of a U joint meet at another angle.
+    Raises NotUPUError where it is not R R P R R from base to end frame, or U-joint axes do not meet at a right angle.
     """
     name = mechanism.loops.names[index]
     joints, sites, closing, own_axes = _read_placements(mechanism, index)
-    at_zero = [*itertools.accumulate(sites[:SEAT], np.matmul)]  # the five joints in O
+    at_zero = [*itertools.accumulate(sites[:SEAT], np.matmul)]  # poses of the five joints in O
     lines = [(pose[:3, 3], pose[:3, :3] @ axis) for pose, axis in zip(at_zero, own_axes, strict=True)]
     _check_u_joints(lines, joints, name)
     end = at_zero[-1] @ closing @ inverse(sites[SEAT])
     vertical, platform = (np.zeros(3), np.array([0.0, 0.0, 1.0])), (end[:3, 3], end[:3, 2])
     frames = _dh_frames([vertical, lines[0], *lines, platform], end, name)
     nominal = np.array([_dh_values(inverse(frames[k]) @ frames[k + 1]) for k in range(len(TRANSFORMS))])
-    carried = inverse(np.stack(at_zero)) @ frames[3:8]  # DH frame on each joint's axis, seen from the URDF joint
+    carried = inverse(np.stack(at_zero)) @ frames[3:8]  # DH frame on each joint's axis, in the URDF joint's frame
     before, after = inverse(sites), np.zeros((6, 4, 4))
     before[1:SEAT] = before[1:SEAT] @ carried[:-1]
     after[:SEAT], after[SEAT] = inverse(carried), inverse(carried[-1]) @ closing
@@ -185,10 +185,11 @@ def dh_chain(mechanism: ClosedChainMechanism, index: int) -> DHChain:
 def _read_placements(
     mechanism: ClosedChainMechanism, index: int
 ) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
-    """Return a chain as the URDF has it, relative to O and o, after checks of its structure.
+    """Return a chain as in the URDF, relative to O and o, after checks of its structure.
 
-    The six joints whose placements make it up, the last of them the seat; these placements, (6, 4, 4); the way from the
-    last joint to the seat where the loop is closed, (4, 4); and the joint axes in their own frames, (5, 3).
+    These are the six joints whose placements make it up, the last of them the seat; these placements, (6, 4, 4); the
+    transform from the last joint to the seat where the loop is closed, (4, 4); and the joint axes in their own frames,
+    (5, 3).
     """
     model, (a, b), loop = mechanism.shared_model, mechanism.anchors[index], mechanism.loops.loops[index]
     if loop.type != "6d" or mechanism.loops.end_frame is None:
@@ -211,7 +212,7 @@ def _read_placements(
 
 
 def _joint_axes(mechanism: ClosedChainMechanism, ids: list[int], chain: str) -> FloatArray:
-    """Return the axis of each joint in its own frame, shape (5, 3), once the joints prove to be R R P R R."""
+    """Return the axis of each joint in its own frame, shape (5, 3), after a check that the joints are R R P R R."""
     twists, freedoms = mechanism.joint_axes(ids), mechanism.shared_model.nvs
     kinds = ["?" if freedoms[j] != 1 else "R" if twist[3:].any() else "P" for j, twist in zip(ids, twists, strict=True)]
     if kinds != [*JOINT_KINDS]:
@@ -220,7 +221,7 @@ def _joint_axes(mechanism: ClosedChainMechanism, ids: list[int], chain: str) -> 
 
 
 def _check_u_joints(lines: Sequence[Line], joints: Sequence[str], chain: str) -> None:
-    """Refuse axes, one after the other, that do not meet at a right angle."""
+    """Refuse consecutive axes that do not meet at a right angle."""
     for k, ((point, axis), (other, following)) in enumerate(itertools.pairwise(lines)):
         names = f"the axes of '{joints[k]}' and '{joints[k + 1]}'"
         lean = abs(float(axis @ following))
@@ -236,7 +237,7 @@ def _dh_frames(lines: Sequence[Line], end: FloatArray, chain: str) -> FloatArray
     frames = np.tile(np.eye(4), (9, 1, 1))
     for j, ((point, axis), (other, following)) in enumerate(itertools.pairwise(lines)):
         if j == 1:
-            # S_1 and S_2 are one line; the U-joint centre, where S_3 crosses it, and the vertical fix the frame.
+            # S_1 and S_2 are one line; the U-joint centre, where S_3 crosses it, and the vertical determine the frame.
             foot, _ = _common_normal(*lines[2], *lines[3], chain)
             down = np.array([0.0, 0.0, -1.0])
             normal = down - (down @ axis) * axis
@@ -255,7 +256,7 @@ def _dh_frames(lines: Sequence[Line], end: FloatArray, chain: str) -> FloatArray
 def _common_normal(
     point: FloatArray, axis: FloatArray, other: FloatArray, following: FloatArray, chain: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the foot of the common normal on the first of two lines, points and axes, and the way to the second."""
+    """Return the foot of the common normal on the first of two lines, and the vector from it to the second."""
     turn = np.cross(axis, following)
     squared = float(turn @ turn)
     if squared < _GEOMETRY_TOLERANCE:
@@ -266,7 +267,7 @@ def _common_normal(
 
 
 def _dh_values(step: FloatArray) -> FloatArray:
-    """Return a, α, d, θ of a transform that is known to be a DH transform; shape (4,)."""
+    """Return a, α, d, θ of a transform that must be a DH transform; shape (4,)."""
     angles = np.arctan2([-step[1, 2], -step[0, 1]], [step[2, 2], step[0, 0]])
-    angles[angles < _GEOMETRY_TOLERANCE - np.pi] += 2.0 * np.pi  # half a turn is +180°, whatever round-off says
+    angles[angles < _GEOMETRY_TOLERANCE - np.pi] += 2.0 * np.pi  # half a turn is +180°, regardless of round-off
     return np.array([step[0, 3], angles[0], step[:3, 2] @ step[:3, 3], angles[1]]) + 0.0

@@ -1,17 +1,17 @@
-r"""From displaced joint placements back to DH errors, exactly.
+r"""DH errors from displaced joint placements, exactly.
 
-Six placements of a chain hold 36 numbers, a DH chain 32, and the pose of its end shows 24 of them for all joint values
-together: what slides along or turns about a joint's axis can be booked before or behind the joint (2 for each of the
-five), and for the prismatic joint so can any sideways shift (2 more). So both sides are compared up to a transform
+Six placements of a chain hold 36 numbers, a DH chain 32, and the pose of its end depends on 24 of them over all joint
+values: a displacement along or about a joint's axis can be assigned before or behind the joint (2 for each of the
+five), and for the prismatic joint so can any lateral shift (2 more). So both sides are compared up to a transform
 :math:`H_k` that commutes with the motion of joint k:
 
 .. math:: T_k(\delta) = H_{k-1}^{-1} \, T_k^{\text{asked}} \, H_k, \qquad H_0 = H_6 = 1
 
-Newton's method on these 36 equations; among the solutions the one with the smallest
-:math:`\sum (\delta / \text{scale})^2` is taken, with the paper's error sizes as scales (0.2 mm, 4 mrad). At the end
-point the DH errors stand in the row space of their own linearised equations: the condition of a constrained minimum,
-not of its first-order approximation. The closing gaps vanish quadratically, the last bit of size linearly, faster the
-smaller the errors (10 steps at 5 mm and 5 mrad).
+These 36 equations are solved by Newton's method; of the solutions the one with the smallest
+:math:`\sum (\delta / \text{scale})^2` is taken, with the paper's error sizes as scales (0.2 mm, 4 mrad). At the
+solution the DH errors are in the row space of their own linearised equations: the condition of the constrained minimum
+itself, not of its first-order approximation. The residuals of the equations converge quadratically, the size of the
+errors linearly, and faster for smaller errors (10 steps at 5 mm and 5 mrad).
 """
 
 import numpy as np
@@ -21,28 +21,28 @@ from pouring_robot.exceptions import NoSolutionError
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.robot.dh.chain import JOINT_KINDS, SITES, DHChain, adjoint, inverse
 
-# The error sizes of the paper's study (its section 4.3); here they only weigh lengths against angles.
+# The error sizes of the paper's study (its section 4.3); here they only weight lengths against angles.
 LENGTH_SCALE_M = 2e-4
 ANGLE_SCALE_RAD = 4e-3
 
 _ITERATIONS = 150
 _CLOSED = 1e-14  # m and rad
-_SETTLED = 1e-13  # what is left after a step of this size is far below it
+_SETTLED = 1e-13  # the remaining error after a step of this size is far smaller
 # Twists that commute with the motion of a joint along or about its z axis.
 _COMMUTING = {"R": (2, 5), "P": (0, 1, 2, 5)}
 _SLIDES = [(joint, component) for joint, kind in enumerate(JOINT_KINDS) for component in _COMMUTING[kind]]
 
 
 def fit_errors(chain: DHChain, displacements: FloatArray, fitted: BoolArray) -> FloatArray:
-    """Return the smallest DH errors (8, 4), in m and rad, that describe a chain with displaced joints.
+    """Return the smallest DH errors (8, 4), in m and rad, that are equivalent to displaced joints of a chain.
 
     Args:
         chain: the nominal chain.
         displacements: E of its six sites, shape (6, 4, 4).
-        fitted: which DH numbers may carry an error, boolean (8, 4).
+        fitted: which DH parameters may have an error, boolean (8, 4).
 
     Raises:
-        NoSolutionError: Newton's method does not settle; the displacements are no small errors.
+        NoSolutionError: Newton's method does not converge; the displacements are not small errors.
     """
     import scipy.linalg
 
@@ -85,7 +85,7 @@ def _slide_columns(wanted: FloatArray) -> FloatArray:
 
 
 def _slide(slides: FloatArray, steps: FloatArray) -> FloatArray:
-    """Return the slides after a step along the twists that commute with each joint; they stay a group."""
+    """Return the transforms H_k after a step along the twists that commute with each joint; they remain a group."""
     twists = np.zeros((7, 6))
     for (joint, component), step in zip(_SLIDES, steps, strict=True):
         twists[joint + 1, component] = step

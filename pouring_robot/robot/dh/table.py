@@ -1,4 +1,4 @@
-"""The DH table: 32 geometric parameters a chain, as the paper counts them, tied to the joints of the URDF.
+"""The DH table: 32 geometric parameters per chain, as the paper counts them, linked to the joints of the URDF.
 
     table = DHTable.from_mechanism(RobotModel().definition.mechanism())
     placements = table.placement_errors({"alpha_e1_56": 4e-3, "a_e2_01": 2e-4})   # rad, m
@@ -47,7 +47,7 @@ _CONVENTION = (A, ALPHA, D)  # of O→0: S_0 is Z of the fixed platform, same or
 
 
 class UnknownParameterError(BadInputError):
-    """A DH parameter was named that the table does not hold."""
+    """A DH parameter was named that is not in the table."""
 
     def __init__(self, name: str, known: Iterable[str]) -> None:
         self.name, self.known = name, tuple(known)
@@ -58,18 +58,18 @@ class UnknownParameterError(BadInputError):
 
 @dataclass(frozen=True)
 class DHParameter:
-    """One number of the DH table."""
+    """One parameter of the DH table."""
 
     name: str  # ``alpha_e1_56``: symbol, chain, transform (a, alpha) or the frame it leads to (d, theta)
     chain: int  # 1 to 4
     transform: Transform  # the transform it belongs to
     symbol: Symbol  # which of the transform's four numbers it is
-    unit: Literal["m", "rad"]  # ``m`` or ``rad``; of the nominal value, of errors, and below the line of ``twist``
-    nominal: float  # value on the drawing; of a joint variable, with the URDF joint at zero
+    unit: Literal["m", "rad"]  # ``m`` or ``rad``: of the nominal value and of errors; ``twist`` is per this unit
+    nominal: float  # value in the drawing; of a joint variable, with the URDF joint at zero
     meaning: str  # what it is on the machine
     role: Role  # ``geometric``; ``drive`` or ``joint variable``, to which a joint's value is added; ``convention``
     moves_with: str | None  # the URDF joint whose value is added to it, if any
-    reason: str  # why it drops out of the study of errors; empty if it does not
+    reason: str  # why it drops out of the error analysis; empty if it does not
     joint: str  # the URDF joint whose placement an error of it displaces
     # displacement of that placement per unit of error, (linear, angular) in the joint's nominal placement frame; m or
     # rad per unit
@@ -77,7 +77,7 @@ class DHParameter:
 
     @property
     def part(self) -> str:
-        """The part of the chain it is measured on."""
+        """The part of the chain on which it is measured."""
         return _PARTS[self.transform]
 
     @property
@@ -87,7 +87,7 @@ class DHParameter:
 
     @property
     def drops_out(self) -> bool:
-        """Whether the paper (its section 4.2) leaves it out: an error of it would be no error of the machine."""
+        """Whether the paper (its section 4.2) leaves it out: an error in it would not be an error of the machine."""
         return bool(self.reason)
 
     @property
@@ -133,7 +133,7 @@ def _role(transform: int, symbol: int, joint: str | None, drives: Collection[str
 class DHTable:
     """The DH parameters of all chains, in order: chain by chain, transform by transform, a, α, d, θ.
 
-    Names that are none raise UnknownParameterError; errors, joint values and chains that are none BadInputError.
+    Unknown names raise UnknownParameterError; invalid errors, joint values and chains raise BadInputError.
 
     Attributes:
         parameters: All of them: 128 for four chains.
@@ -150,27 +150,27 @@ class DHTable:
 
     @classmethod
     def from_mechanism(cls, mechanism: ClosedChainMechanism) -> Self:
-        """Derive the table from a loaded nominal robot; raises NotUPUError where a chain is of another kind."""
+        """Derive the table from a loaded nominal robot; raises NotUPUError where a chain is not a UPU chain."""
         chains = [dh_chain(mechanism, index) for index in range(len(mechanism.anchors))]
         return cls(chains, mechanism.loops.drives)
 
     def __getitem__(self, name: str) -> DHParameter:
-        """Return a parameter by name; raises UnknownParameterError where there is no such parameter."""
+        """Return a parameter by name; raises UnknownParameterError where it does not exist."""
         if name not in self._by_name:
             raise UnknownParameterError(name, self._by_name)
         return self._by_name[name]
 
     def selection(self, *, chain: int | None = None) -> tuple[DHParameter, ...]:
-        """Return the parameters that matter, those of one chain or of all, in order."""
+        """Return the parameters that do not drop out, of one chain or of all, in order."""
         return tuple(p for p in self.parameters if not p.drops_out and chain in (None, p.chain))
 
     def chain_poses(
         self, chain: int, joint_values: Sequence[float] | FloatArray, errors: Mapping[str, float] | None = None
     ) -> FloatArray:
-        """Return the poses (..., 4, 4) of the moving platform o in the fixed one, O, on one chain, its joints held.
+        """Return the poses (..., 4, 4) of the moving platform o in the fixed platform O at joint values of one chain.
 
-        Joint values (..., 5) are of its URDF joints in order, in m and rad; errors, by parameter name in m and rad, of
-        other chains do not count.
+        Joint values (..., 5) are those of its URDF joints in order, in m and rad. Errors are by parameter name, in m
+        and rad; those of other chains are ignored.
         """
         values = np.asarray(joint_values, dtype=float)
         if values.shape[-1:] != (5,) or not np.isfinite(values).all():
@@ -182,7 +182,7 @@ class DHTable:
         return self.chains[chain].poses(values, self._error_arrays(errors)[chain])
 
     def placement_errors(self, errors: Mapping[str, float]) -> dict[str, pin.SE3]:
-        """Return the displaced joint placements that equal DH errors (m, rad), exactly and for all joint values.
+        """Return the displaced joint placements equivalent to DH errors (m, rad), exactly and for all joint values.
 
         An error of a joint variable or drive is included: it displaces the joint along or about its own axis.
         """
@@ -192,11 +192,11 @@ class DHTable:
         return {joint: pin.SE3(moved[chain.number][k]) for joint, (chain, k) in self._sites.items() if joint in touched}
 
     def errors_from_placements(self, placements: Mapping[str, pin.SE3]) -> dict[str, float]:
-        """Return the DH errors (m, rad; in table order) of every chain with a joint that is displaced.
+        """Return the DH errors (m, rad; in table order) of every chain with a displaced joint.
 
-        A chain has more numbers than its pose shows. The answer is the smallest one, each error measured in the
-        paper's size of it (0.2 mm, 4 mrad); it gives the same pose for all joint values, to 1e-12, for which passive
-        joint variables carry errors as well. The convention's parameters are not listed.
+        A chain has more parameters than its pose can determine. Returned is the smallest solution, each error measured
+        in units of its size in the paper (0.2 mm, 4 mrad). It gives the same pose for all joint values, to 1e-12; for
+        this, passive joint variables have errors too. The convention's parameters are not listed.
 
         Raises:
             UnknownJointError: a joint is not part of a chain.

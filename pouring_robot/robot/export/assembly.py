@@ -1,4 +1,4 @@
-"""A closed robot as bodies, joints and loops, each body where it stands: what MJCF and SDF are written from."""
+"""A closed robot as bodies (with their poses), joints and loops, from which MJCF and SDF are written."""
 
 import functools
 import itertools
@@ -22,35 +22,35 @@ from pouring_robot.robot.export.closed_robot import ClosedRobot
 
 @dataclass(frozen=True)
 class Shape:
-    """A visual or a collision."""
+    """A visual or collision shape."""
 
     kind: str  # ``box``, ``cylinder``, ``sphere`` or ``mesh``
     # in m: lengths of a box; radius and length of a cylinder; radius of a sphere; scale of a mesh
     sizes: tuple[float, ...]
-    pose: pin.SE3  # in its body
+    pose: pin.SE3  # in the body's frame
     mesh: str = ""  # file name of a mesh
     colour: tuple[float, ...] = (0.7, 0.7, 0.7, 1.0)  # red, green, blue, opacity
 
     @property
     def stem(self) -> str:
-        """Name of its mesh without suffix, as all formats of it have."""
+        """Name of its mesh without suffix, the same for all formats."""
         return PurePosixPath(self.mesh).stem
 
 
 @dataclass(frozen=True)
 class Body:
-    """A link where it stands."""
+    """A link with its pose."""
 
     name: str
     pose: pin.SE3  # in the world, m
     inertia: pin.Inertia | None  # in the body's frame; None for a frame without mass
-    visuals: tuple[Shape, ...]  # what is drawn
-    collisions: tuple[Shape, ...]  # what is touched
+    visuals: tuple[Shape, ...]  # shapes that are drawn
+    collisions: tuple[Shape, ...]  # shapes that collide
 
 
-# What says the sizes of a shape.
+# URDF attributes with the sizes of a shape.
 _SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "mesh": ("scale",)}
-# Of a drive's servo: what it yields at its rated force, in m or rad, and how fast it answers, in rad/s.
+# Of a drive's servo: deflection at its rated force, in m or rad, and bandwidth, in rad/s.
 _YIELDS, _BANDWIDTH = 5e-3, 100.0
 
 
@@ -63,9 +63,9 @@ class Joint:
     parent: str  # body that carries it; ``child``: body that it moves
     child: str
     axis: FloatArray  # in the child, unit length, (3,)
-    value: float  # at which the bodies stand where they stand, in m or rad
-    limits: tuple[float, float] | None  # lower and upper value; None: it goes round
-    effort: float  # largest force or torque said, N or Nm; 0: none. Likewise ``velocity``, m/s or rad/s.
+    value: float  # at the poses of the bodies, in m or rad
+    limits: tuple[float, float] | None  # lower and upper value; None: no limits
+    effort: float  # largest force or torque stated, N or Nm; 0: none. Likewise ``velocity``, m/s or rad/s.
     velocity: float
     damping: float  # Ns/m or Nms/rad; ``friction``: N or Nm
     friction: float
@@ -82,26 +82,26 @@ class Joint:
 
     @property
     def armature(self) -> float:
-        """Inertia of that servo's motor, seen from the joint, in kg or kg m²."""
+        """Inertia of that servo's motor, reflected to the joint, in kg or kg m²."""
         return self.servo_stiffness / _BANDWIDTH**2
 
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """A closed robot without its cut joints: every chain closes on the platform by a loop."""
+    """A closed robot without its cut joints: a loop closes every chain on the platform."""
 
     name: str
-    bodies: Mapping[str, Body]  # by name, each after the one that carries it
-    joints: Mapping[str, Joint]  # by the name of the body that each moves; bodies that nothing carries are not in it
-    loops: LoopsFile  # frames (bodies here) that coincide, drives, stiffness
-    base: str  # the body that stands still, first of all
-    mimics: tuple[Mimic, ...]  # joints that follow others
+    bodies: Mapping[str, Body]  # by name, each after the body that carries it
+    joints: Mapping[str, Joint]  # by the name of the body that each moves; without bodies that nothing carries
+    loops: LoopsFile  # frames (here bodies) that coincide, drives, stiffness
+    base: str  # the fixed body, first in ``bodies``
+    mimics: tuple[Mimic, ...]  # joints that mimic others
 
     @classmethod
     def of(cls, closed: ClosedRobot, urdf: bytes | None = None) -> Self:
-        """Read it off a closed robot; raises DescriptionError for a joint or shape that cannot be written.
+        """Make it from a closed robot; raises DescriptionError for a joint or shape that cannot be exported.
 
-        ``urdf`` is the tree as it is exported, whose meshes are called as their files are; by default as it is drawn.
+        ``urdf`` is the tree as exported, in which meshes have the names of their files; by default the robot's own.
         """
         root, mechanism = etree.fromstring(urdf or closed.urdf.encode()), closed.mechanism
         paint = {m.get("name"): m.find("color").get("rgba") for m in root.iterfind(".//material[color]")}
@@ -130,45 +130,45 @@ class Assembly:
         return cls(robot_name(root), bodies, joints, mechanism.loops, base, mechanism.mimics)
 
     def called(self, name: str, *taken: str) -> str:
-        """Return a link's name where some are ``taken``, and ``world`` always: the robot's stands before it then."""
+        """Return a link's name in the file; the robot's name is put before ``world`` and names that are ``taken``."""
         return f"{self.name}_{name}" if name in ("world", *taken) else name
 
     def solid(self, name: str) -> str:
-        """Return the body that a frame without mass sits on; a body with mass is its own."""
+        """Return the body that a frame without mass is fixed to; for a body with mass, itself."""
         while self.bodies[name].inertia is None and name in self.joints and self.joints[name].kind == "fixed":
             name = self.joints[name].parent
         return name
 
     def fixed_to(self, name: str) -> Iterator[str]:
-        """Yield a body and those that are fixed to it, down the tree."""
+        """Yield a body and all bodies fixed to it, down the tree."""
         yield name
         for child in self.carried_by(name):
             if self.joints[child].kind == "fixed":
                 yield from self.fixed_to(child)
 
     def heavy(self, name: str) -> str:
-        """Return a body with mass that a frame goes with: its :meth:`solid`, or what is fixed to that; else that."""
+        """Return a body with mass to which a frame is fixed: its :meth:`solid` or one fixed to it; else the former."""
         solid = self.solid(name)
         return next((body for body in self.fixed_to(solid) if self.bodies[body].inertia is not None), solid)
 
     def carried_by(self, name: str) -> tuple[str, ...]:
-        """Return the bodies that a body carries by joints."""
+        """Return the bodies whose joints a body carries."""
         return tuple(joint.child for joint in self.joints.values() if joint.parent == name)
 
     @property
     def servos(self) -> tuple[Joint, ...]:
-        """The joints that are held by a servo: drives, then the locked ones."""
+        """Joints held by a servo: drives, then locked joints."""
         by_name = {joint.name: joint for joint in self.joints.values() if joint.kind in ("revolute", "prismatic")}
         return tuple(by_name[n] for n in (*self.loops.drives, *self.loops.locked_joints) if n in by_name)
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Bodies that only loops hold."""
+        """Bodies that are held by loops only."""
         return tuple(name for name in self.bodies if name not in self.joints and name != self.base)
 
     @functools.cached_property
     def meshes(self) -> dict[tuple[str, tuple[float, ...]], str]:
-        """A name for each mesh in each size, by its file and scale: left and right are often one mesh, mirrored."""
+        """Names of meshes by file and scale: left and right are often the same mesh, mirrored."""
         found: dict[tuple[str, tuple[float, ...]], str] = {}
         for shape in (s for body in self.bodies.values() for s in (*body.visuals, *body.collisions) if s.mesh):
             if (shape.mesh, shape.sizes) not in found:
@@ -185,14 +185,14 @@ def _inertia(link: Any) -> pin.Inertia | None:
     moments = inertial.find("inertia")
     xx, xy, xz, yy, yz, zz = (float(moments.get(f"i{key}", "0")) for key in ("xx", "xy", "xz", "yy", "yz", "zz"))
     own = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
-    own.inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])  # as it is said, also that of no body
+    own.inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])  # as stated, even if physically impossible
     return origin_pose(inertial).act(own)
 
 
 def _shapes(link: Any, what: str, paint: Mapping[Any, Any]) -> Iterator[Shape]:
     for entry in link.iterfind(what):
         form, material, rgba = entry.find("geometry")[0], entry.find("material"), None
-        if material is not None:  # those with a colour of their own are often all called alike, or not at all
+        if material is not None:  # materials with their own colour often all have the same name, or none
             own = material.find("color")
             rgba = paint.get(material.get("name")) if own is None else own.get("rgba")
         colour = tuple(float(v) for v in rgba.split()) if rgba else Shape.colour
@@ -216,7 +216,7 @@ def _joint(entry: Any, closed: ClosedRobot) -> Joint:
         "revolute" if kind == "continuous" else kind,
         str(entry.find("parent").get("link")),
         str(entry.find("child").get("link")),
-        axis / (np.linalg.norm(axis) or 1.0),  # fixed joints may have none
+        axis / (np.linalg.norm(axis) or 1.0),  # fixed joints may have no axis
         closed.joints.get(name, 0.0),
         None if kind == "spherical" else limits_of(entry),
         *(float(said.get(key, "0")) for key in ("effort", "velocity", "damping", "friction")),

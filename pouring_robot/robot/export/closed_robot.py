@@ -1,10 +1,10 @@
-"""The robot as built, closed at one command, for programs that know trees only.
+"""The robot as built, closed at one command, for programs that can only handle trees.
 
-A tree carries the platform on one chain. As built, it would stand where that chain alone puts it, and what the loops
-leave open would all show at the feet of the others. So the joint that carries it (``cut_joints``) is placed where the
-closure, in which all chains count alike, has the platform at the chosen command: there every body of the tree stands
-where the package says, and each foot is off its seat by that chain's own share. Elsewhere the carrier's share is
-another one; :meth:`ClosedRobot.over_workspace` says how much that does.
+A tree carries the platform on one chain. In the robot as built, that chain alone would determine the platform's pose,
+and the whole closure residual would appear at the feet of the other chains. So the joint that carries the platform
+(``cut_joints``) is placed where the closure, in which all chains count equally, puts it at the chosen command. There
+every body of the tree has the package's pose, and each foot is off its seat by its own chain's residual. At other
+commands the carrying chain's residual differs; :meth:`ClosedRobot.over_workspace` tells the resulting error.
 """
 
 import functools
@@ -26,7 +26,7 @@ from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
 from pouring_robot.robot.robot import Command, Robot
 
-# What else of a joint counts from its zero: where a controller holds it back, and at which places a switch says so.
+# Other values that count from a joint's zero: soft limits of its controller, and positions of its reference switch.
 _COUNTED = (
     ("safety_controller", "soft_lower_limit"),
     ("safety_controller", "soft_upper_limit"),
@@ -36,7 +36,7 @@ _COUNTED = (
 
 
 def ball_notes(balls: Sequence[str], zero_here: bool) -> list[str]:
-    """Return what a URDF cannot say of ball joints: none where there is none."""
+    """Return notes on ball joints, which URDF cannot express; none where there are none."""
     if not balls:
         return []
     where = "only at its zeros" if zero_here else "at no joint values"
@@ -44,9 +44,9 @@ def ball_notes(balls: Sequence[str], zero_here: bool) -> list[str]:
 
 
 def configured(tree: pin.Model, values: Mapping[str, float]) -> FloatArray:
-    """Return a tree's configuration (nq,) with joints of one freedom at values, in m and rad, as far as it has them.
+    """Return a tree's configuration (nq,) with single-axis joints at values, in m and rad, of those that it has.
 
-    From neutral on: a joint without limits is stored as cosine and sine.
+    It is integrated from neutral, because a joint without limits is stored as cosine and sine.
     """
     moved = np.zeros(tree.nv)
     for name, value in values.items():
@@ -59,15 +59,15 @@ def configured(tree: pin.Model, values: Mapping[str, float]) -> FloatArray:
 class ClosedRobot:
     """The robot as built, closed at one command."""
 
-    robot: Robot  # its drives' offsets stand in the joints, so that the value of a drive's joint is the command
+    robot: Robot  # its drive offsets are in the joint placements, so the value of a drive's joint is the command
     result: ClosureResult  # the closure at the command
-    drives: Mapping[str, float]  # commanded values, by joint in m or rad, whole turns too
+    drives: Mapping[str, float]  # commanded values, by joint in m or rad, including whole turns
 
     @classmethod
     def of(cls, model: RobotModel, command: Command | None = None) -> Self:
         """Close the robot of a model at a command, by default in the middle of its workspace or at its home.
 
-        Raises BadInputError where it is no command of this robot, NoSolutionError where no pose has it.
+        Raises BadInputError where it is not a command of this robot, NoSolutionError where no pose solves it.
         """
         robot = robot_of(model.with_offsets_placed())
         location = robot.location_in_the_middle() if command is None else robot.location_of(command)
@@ -75,30 +75,30 @@ class ClosedRobot:
 
     @property
     def mechanism(self) -> ClosedChainMechanism:
-        """The mechanism as built."""
+        """Mechanism of the robot as built."""
         return self.result.mechanism
 
     @property
     def joints(self) -> dict[str, float]:
-        """Value of every joint of one freedom, in m and rad."""
+        """Value of every single-axis joint, in m and rad."""
         return self.result.joint_values
 
     @property
     def balls(self) -> tuple[str, ...]:
-        """Its ball joints, which a URDF cannot say: there each turns about one axis, and no table has its value."""
+        """Its ball joints, which URDF cannot express: there each turns about one axis, and no table has its value."""
         return tuple(name for name, kind in self.mechanism.loops.joint_types.items() if kind in NOT_IN_URDF)
 
     @functools.cached_property
     def urdf(self) -> str:
-        """The tree, the platform standing at the command where the closure puts it."""
+        """URDF of the tree, with the platform at its closed pose for the command."""
         model, placed = self.mechanism.shared_model, {}
-        for name in self.mechanism.loops.cut_joints:  # off by the value of the free joint it is in the closure
+        for name in self.mechanism.loops.cut_joints:  # displaced by its value as a free joint in the closure
             first = model.joints[self.mechanism.joint_id(name)].idx_q
             placed[name] = pin.XYZQUATToSE3(self.result.configuration[first : first + 7])
         return perturb_urdf(self.mechanism.urdf, placed)
 
     def urdf_zero_here(self) -> str:
-        """Return the tree with the zeros of its joints moved to the command, for viewers that show zeros."""
+        """Return the tree's URDF with joint zeros moved to the command, for viewers that show joints at zero."""
         axes = {str(joint.get("name")): joint_axis(joint) for joint in parsed(self.urdf).iterfind("joint")}
         moved = {}
         for name, value in self.joints.items():
@@ -125,8 +125,7 @@ class ClosedRobot:
     def over_workspace(self) -> FloatArray | None:
         """Return how far the tree's working frame is from the closed robot's at poses of the workspace, (n,), in m.
 
-        The tree gets the joint values of the closed robot, as a table of them would give. None where the tree is all
-        there is.
+        The tree gets the joint values of the closed robot, as from a table. None for a robot without cut joints.
         """
         if not self.mechanism.loops.cut_joints:
             return None
@@ -139,7 +138,7 @@ class ClosedRobot:
         return np.asarray(np.linalg.norm(self.tips_m(standing) - expected[good], axis=1))
 
     def tips_m(self, standing: Iterable[Mapping[str, float]]) -> FloatArray:
-        """Return where the tree has its working frame at joint values (m, rad), seen from the base, shape (n, 3), m."""
+        """Return the position of the tree's working frame in the base at joint values (m, rad), shape (n, 3), in m."""
         loops, tree = self.mechanism.loops, model_of(self.urdf, self.robot.model.definition.path)
         data, found = tree.createData(), []
         base, tip = (frame_index(tree, name) for name in (loops.base_frame, loops.working_frame))

@@ -1,6 +1,6 @@
-"""The folder that holds an exported robot: description, meshes in every format, joint values, closed.
+"""The folder of an exported robot: description, meshes in every format, joint values of the closed pose.
 
-An SRDF says which bodies touch because they are joined, or because they are drawn into each other.
+An SRDF lists the pairs of bodies that touch because they are joined, or because their shapes overlap in the drawing.
 """
 
 import itertools
@@ -28,7 +28,7 @@ from pouring_robot.viewer.shapes import read_mesh
 Format = Literal["urdf", "mjcf", "sdf", "drake"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 ADJACENT, TOUCHING = "Adjacent", "Default"
-"""Reasons, in MoveIt's words: joined, and in contact at the pose that was exported."""
+"""Reasons, in MoveIt's words: joined, and in contact at the exported pose."""
 
 
 def export_robot(
@@ -36,13 +36,13 @@ def export_robot(
 ) -> list[Path]:
     """Write a robot as built, closed at a command, into a folder, all or nothing; return its files, description last.
 
-    Without a command it stands in the middle of its workspace, or at the home of its robot file.
+    The default command is the middle of its workspace, or the home of its robot file.
 
     Raises:
-        BadInputError: there is no robot, no such format, or it is no command of this robot.
-        NoSolutionError: no pose has the command.
-        DescriptionError: a mesh is missing or none, or the format cannot say something.
-        OutputError: the folder cannot be written to, or a file is there already and ``overwrite`` is not set.
+        BadInputError: the robot or the format is not one, or it is not a command of this robot.
+        NoSolutionError: no pose solves the command.
+        DescriptionError: a mesh is missing or invalid, or the format cannot express something.
+        OutputError: the folder cannot be written to, or a file exists already and ``overwrite`` is not set.
     """
     expect(robot, Robot, LOADED)
     if form not in FORMATS:
@@ -54,13 +54,13 @@ def export_robot(
 def exported_files(
     closed: ClosedRobot, folder: Path, form: Format = "urdf", *, zero_here: bool = False, absolute_meshes: bool = False
 ) -> dict[Path, bytes | str]:
-    """Return what an export of a closed robot into a folder writes, by path; the description last.
+    """Return the files of an export of a closed robot into a folder, by path; the description last.
 
-    It is a URDF with an SRDF and the file that says how it closes, MJCF, SDF whose loops are joints, or for Drake
-    bushings. ``zero_here``: the URDF's joints count from the command, so that its zero is closed; neither joint values
-    nor how it closes are written, which count from the drawing's zeros. ``absolute_meshes``: meshes are addressed from
-    the root. Raises DescriptionError: a mesh is missing or none, or the format cannot say something; BadInputError: the
-    folder holds files of a tree with other zeros.
+    The description is a URDF with an SRDF and its robot file, MJCF, or SDF with loops as joints or, for Drake, as
+    bushings. ``zero_here``: the URDF's joints count from the command, so that it is closed at zero; joint values and
+    robot file, which count from the drawing's zeros, are not written. ``absolute_meshes``: meshes have absolute paths.
+    Raises DescriptionError where a mesh is missing or invalid or the format cannot express something, BadInputError
+    where the folder holds files of a tree with other zeros.
     """
     joints = {folder / f"joints.{kind}" for kind in ("csv", "json")}
     beside: dict[str, bytes] = closed.robot.model.definition.files_beside() if form == "urdf" else {}
@@ -110,7 +110,7 @@ def _model_config(name: str) -> str:
 
 
 def joined_or_touching(closed: ClosedRobot, assembly: Assembly) -> dict[tuple[str, str], str]:
-    """Return why collisions of a pair of bodies are to be left out, by pair."""
+    """Return the pairs of bodies whose collisions are to be ignored, with the reason."""
     parts = {name: assembly.solid(name) for name in assembly.bodies}
     ends = [(joint.parent, joint.child) for joint in assembly.joints.values()]
     ends += [(loop.frame_a, loop.frame_b) for loop in assembly.loops.loops]
@@ -142,7 +142,7 @@ def _in_contact(closed: ClosedRobot) -> list[tuple[str, str]]:
 
 
 def _with_what_is_here(urdf: str) -> str:
-    """Return the URDF without the shapes whose meshes lie in packages that only their owner has."""
+    """Return the URDF without the shapes whose meshes are in packages that only their owner has."""
     root = etree.fromstring(with_mesh_files(urdf).encode())
     for mesh in root.xpath("//mesh[starts-with(@filename, 'package://')]"):
         shape = mesh.getparent().getparent()
@@ -151,7 +151,7 @@ def _with_what_is_here(urdf: str) -> str:
 
 
 def srdf(assembly: Assembly, pairs: dict[tuple[str, str], str]) -> str:
-    """Return the SRDF of a robot: its drives as a group, what moves passively, and pairs that need no checking."""
+    """Return the SRDF of a robot: its drives as a group, its passive joints, and pairs that need no collision check."""
     held = {*assembly.loops.drives, *assembly.loops.locked_joints}
     passive = (joint for joint in assembly.joints.values() if joint.kind != "fixed" and joint.name not in held)
     root = E.robot(

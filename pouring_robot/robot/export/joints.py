@@ -1,4 +1,4 @@
-"""Tables of joint values, by which other programs stand closed: a row a pose, names of the exported tree, SI."""
+"""Tables of joint values of closed poses, for other programs: a row per pose, joint names of the exported tree, SI."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -33,9 +33,9 @@ class JointRow:
         offsets: Mapping[str, float] = MappingProxyType({}),
         commanded: Mapping[str, float] = MappingProxyType({}),
     ) -> Self:
-        """Take them from a closure whose drives stand beyond commands by offsets, which the tree's joints hold.
+        """Take them from a closure; the exported tree contains the drives' ``offsets``, which are subtracted here.
 
-        A closure does not say of joints without limits by how many turns; drives are turned as far as ``commanded``.
+        A closure does not count whole turns of joints without limits; drives get the turns of ``commanded``.
         """
         mechanism = closed.mechanism
         beyond, known = mechanism.with_followers(offsets), {**commanded, **mechanism.follower_values(commanded)}
@@ -47,7 +47,7 @@ class JointRow:
 
     @classmethod
     def of_many(cls, structure: Structure, closed: BatchClosure, model: RobotModel) -> list[Self]:
-        """Take them from an engine's closures, less the model's drive offsets; without an answer all values are NaN."""
+        """Take them from an engine's closures, minus the model's drive offsets; NaN for poses without a solution."""
         mechanism = structure.mechanism
         beyond = mechanism.with_followers(model.drive_offset_values())
         columns = dict.fromkeys(mechanism.loops.locked_joints, np.zeros(len(closed)))
@@ -60,7 +60,7 @@ class JointRow:
 
 
 def joints_json(rows: Sequence[JointRow]) -> dict[str, Any]:
-    """Return the table for JSON."""
+    """Return the table, ready for JSON."""
     poses = [
         {"joints": dict(row.values), "left_open_m": row.gap_m, "left_open_rad": row.gap_rad}
         if math.isfinite(row.gap_m)
@@ -71,7 +71,7 @@ def joints_json(rows: Sequence[JointRow]) -> dict[str, Any]:
 
 
 def joints_text(rows: Sequence[JointRow], path: Path) -> str:
-    """Return the table as JSON, if its file is called so, or as CSV, headings with units."""
+    """Return the table as JSON if the file's suffix says so, otherwise as CSV with units in the headings."""
     if path.suffix.lower() == ".json":
         return json_text(joints_json(rows))
     heads = [f"{name}_{unit}" for name, unit in rows[0].units.items()] if rows else []

@@ -1,7 +1,7 @@
 """The closed robot in MuJoCo's format: all loops as equality constraints, drives as actuators.
 
-Bodies stand closed when the file is loaded, and ``ref`` gives the joints the package's values there. The platform
-hangs free between all of its chains, so no chain is preferred.
+Bodies are at a closed pose when the file is loaded, and ``ref`` gives the joints the package's values there. The
+platform is a free body between all of its chains, so no chain is preferred.
 """
 
 import math
@@ -20,13 +20,13 @@ from pouring_robot.robot.description.urdf import text, xml_text
 from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
 from pouring_robot.robot.export.closed_robot import ClosedRobot
 
-# Of a loop that is left to itself: how fast it closes, in s. And MuJoCo's largest impedance.
+# Time constant of a loop without external load, in s, and MuJoCo's largest impedance.
 _TIME_CONSTANT, _LARGEST_IMPEDANCE = 0.02, 0.9999
 _DEFAULT_DAMPING = 1.0
-# Of a moving body, in kg m²: MuJoCo refuses less.
+# Smallest moment of inertia of a moving body that MuJoCo accepts, in kg m².
 _LEAST_MOMENT = 1e-15
 _ROUND_OFF = 1e-9
-# Condition of a mass matrix beyond which something in it has no mass.
+# Condition number of the mass matrix above which something in it counts as massless.
 _MOST_UNEQUAL = 1e14
 
 
@@ -36,7 +36,7 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
     Raises DescriptionError where a moving body has no mass, which MuJoCo refuses.
     """
     root = etree.Element("mujoco", model=assembly.name)
-    # Frames without mass stay bodies, visuals stay, and no mass is invented or changed.
+    # Frames without mass remain bodies, visuals remain, and no mass is invented or changed.
     etree.SubElement(
         root, "compiler", angle="radian", meshdir="meshes", autolimits="true", fusestatic="false",
         discardvisual="false", balanceinertia="false", boundmass="0", boundinertia="0",
@@ -53,7 +53,7 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
     asset = etree.SubElement(root, "asset")
     for (file, scale), name in assembly.meshes.items():
         shape = {"file": f"{PurePosixPath(file).stem}.obj", "scale": text(scale)}
-        etree.SubElement(asset, "mesh", name=name, **shape, inertia="shell")  # a flat one has no volume
+        etree.SubElement(asset, "mesh", name=name, **shape, inertia="shell")  # flat meshes have no volume
     world = etree.SubElement(root, "worldbody")
     etree.SubElement(world, "light", pos="0 0 6", directional="true")
     _fill(world, assembly.bodies[assembly.base], assembly)
@@ -65,7 +65,7 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
         etree.SubElement(contact, "exclude", **dict(zip(("body1", "body2"), names, strict=True)))
     _close(etree.SubElement(root, "equality"), welds, assembly)
     actuators = etree.SubElement(root, "actuator")
-    # Each gives its rated force where it is off by what it may yield, and no more further off.
+    # Each gives its rated force at its largest deflection, and no more beyond it.
     for joint in assembly.servos:
         stiffness = repr(joint.servo_stiffness)
         servo = etree.SubElement(actuators, "position", name=joint.name, joint=joint.name, kp=stiffness, dampratio="1")
@@ -79,9 +79,9 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
 
 
 def _mobilities(closed: ClosedRobot, assembly: Assembly) -> dict[str, tuple[float, float]]:
-    """Return how readily each loop's body, all loops open, is moved, in 1/kg, and turned, in 1/(kg m²), by name.
+    """Return the mobility of each loop's body, all loops open, in translation (1/kg) and rotation (1/(kg m²)), by name.
 
-    At its centre of mass, mean of the three directions; MuJoCo does not say where a body without mass has its own.
+    It is the mean of three directions at the centre of mass; MuJoCo does not define that of a body without mass.
     """
     mechanism, found = closed.mechanism, {}
     model, data = mechanism.shared_model, mechanism.shared_model.createData()
@@ -125,13 +125,13 @@ def _placed(parent: Any, assembly: Assembly, name: str, above: pin.SE3, *, free:
 
 
 def _weighs(body: Body, assembly: Assembly) -> bool:
-    """Return whether a body, or one that is fixed to it, has a mass that is neither a point nor a line."""
+    """Return whether a body, or one fixed to it, has a mass that is neither a point nor a line."""
     masses = (assembly.bodies[name].inertia for name in assembly.fixed_to(body.name))
     return any(mass is not None and np.linalg.eigvalsh(mass.inertia).min() > _LEAST_MOMENT for mass in masses)
 
 
 def _fill(element: Any, body: Body, assembly: Assembly) -> None:
-    """Put joint, mass and shapes of a body into its element, and what it carries below it."""
+    """Add joint, mass and shapes of a body to its element, and below it the bodies that it carries."""
     joint = assembly.joints.get(body.name)
     if joint is not None and joint.kind != "fixed":
         _joint(element, joint, assembly)
@@ -149,7 +149,7 @@ def _fill(element: Any, body: Body, assembly: Assembly) -> None:
             )
             raise DescriptionError("URDF", f"{problem}; give positive ones, each at most the sum of the others")
         moments = {"fullinertia": text((m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))}
-        if not m.any():  # MuJoCo takes a point mass that does not move by itself if it is said so
+        if not m.any():  # MuJoCo accepts a point mass that does not move by itself in this form
             moments = {"diaginertia": "0 0 0"}
         etree.SubElement(element, "inertial", pos=text(body.inertia.lever), mass=repr(body.inertia.mass), **moments)
     for shape in body.visuals:
@@ -190,10 +190,10 @@ def _geom(element: Any, shape: Shape, assembly: Assembly, **more: str) -> None:
 
 @dataclass(frozen=True)
 class _Weld:
-    """MuJoCo's words for a loop as stiff as ours.
+    """MuJoCo's parameters for a loop with the stiffness of ours.
 
-    A constraint at rest pulls with k r d / ((1 - d) m) where it is open by r: k = 1/(d t)² with its time constant t, d
-    its impedance, m the sum of the mobilities of its two bodies. A weld's rotation counts half its angle, times the
+    A constraint at rest that is open by r pulls with k r d / ((1 - d) m): k = 1/(d t)² with its time constant t, d its
+    impedance, m the sum of the mobilities of its two bodies. A weld's rotation counts as half its angle, times the
     torque scale.
     """
 

@@ -1,4 +1,4 @@
-"""The closed robot in SDFormat: its links where they stand, its loops as joints or as Drake's bushings.
+"""The closed robot in SDFormat: links at their closed poses, loops as joints or as Drake's bushings.
 
 SDF has no joint values: the zero of every joint is the pose that the file shows.
 """
@@ -17,17 +17,17 @@ from pouring_robot.robot.description.urdf import text, xml_text
 from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
 
 _DRAKE = "http://drake.mit.edu"
-# sdformat refuses a link without mass, and gives one without an inertial 1 kg.
+# sdformat refuses a link of zero mass, and takes a link without an inertial as 1 kg.
 _NO_MASS = 1e-6
-# The newest that Gazebo classic reads: joints of links alone, attitudes as roll, pitch and yaw, no mimic.
+# The newest version that Gazebo classic reads: joints between links only, roll, pitch and yaw, no mimic.
 VERSION = "1.7"
 
 
 def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> str:
     """Return the robot as SDF; meshes are OBJ files in ``meshes``.
 
-    Loops are joints (``fixed`` or ``ball``) for simulators whose joints may close loops; or linear bushings of the
-    robot's own stiffness for Drake, whose joints make a tree.
+    Loops are joints (``fixed`` or ``ball``) for simulators whose joints may close loops, or linear bushings with the
+    stiffness of the robot for Drake, whose joints form a tree.
     """
     frames = {name for name, body in assembly.bodies.items() if _is_frame(body, assembly)}
     values = {joint.name: joint.value for joint in assembly.joints.values()}
@@ -46,7 +46,7 @@ def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> 
 
 
 def mimic_notes(mimics: Sequence[Mimic]) -> list[str]:
-    """Return what SDF cannot say of joints that follow others: none where there is none."""
+    """Return notes on joints that mimic others, which this SDF version cannot express; none where there are none."""
     if not mimics:
         return []
     said = ", ".join(f"{mimic.joint} = {mimic.ratio:g} {mimic.leader}" for mimic in mimics)
@@ -54,13 +54,13 @@ def mimic_notes(mimics: Sequence[Mimic]) -> list[str]:
 
 
 def _is_frame(body: Body, assembly: Assembly) -> bool:
-    """Return whether a link is a frame without mass and shape, which SDF has by itself."""
+    """Return whether a link is a frame without mass and shape, for which SDF has its own element."""
     fixed = body.name in assembly.joints and assembly.joints[body.name].kind == "fixed"
     return body.inertia is None and fixed and not (body.visuals or body.collisions or assembly.carried_by(body.name))
 
 
 def _called(name: str, assembly: Assembly) -> str:
-    """Return what a link, or a joint of ours, is called: not as a joint of the robot, which SDF refuses."""
+    """Return the name of a link, or of a joint that we add; SDF refuses a name that a joint of the robot has."""
     return assembly.called(name, *(joint.name for joint in assembly.joints.values()))
 
 
@@ -111,7 +111,7 @@ def _moving(joint: Joint, assembly: Assembly) -> Any:
     lower, upper = (repr(float(bound - joint.value)) for bound in joint.limits or (-np.inf, np.inf))
     driven = any(joint is servo for servo in assembly.servos)
     limit = E.limit(E.lower(lower), E.upper(upper))
-    limit.append(E.effort(repr(joint.servo_effort) if driven else "0"))  # who reads 0 puts no motor there
+    limit.append(E.effort(repr(joint.servo_effort) if driven else "0"))  # readers of 0 put no motor there
     if joint.velocity:
         limit.append(E.velocity(repr(joint.velocity)))
     dynamics = E.dynamics(E.damping(repr(joint.damping)), E.friction(repr(joint.friction)))
@@ -119,7 +119,7 @@ def _moving(joint: Joint, assembly: Assembly) -> Any:
 
 
 def _closed(loop: LoopSpec, assembly: Assembly) -> Any:
-    """Return a loop as a joint, between links as frames are none."""
+    """Return a loop as a joint between links, because SDF joints cannot connect frames."""
     a, b = (assembly.bodies[frame] for frame in (loop.frame_a, loop.frame_b))
     on, under = (assembly.bodies[assembly.joints[e.name].parent] if _is_frame(e, assembly) else e for e in (b, a))
     name, ends = _called(f"{loop.name}_loop", assembly), (_called(one.name, assembly) for one in (under, on))

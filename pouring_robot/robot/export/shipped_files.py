@@ -1,4 +1,4 @@
-"""The robot as files for other programs, as ``robot_descriptions`` gives them: a URDF and its package."""
+"""The robot as files for other programs, in the manner of ``robot_descriptions``: a URDF and its package."""
 
 import tempfile
 from pathlib import Path
@@ -11,7 +11,7 @@ from pouring_robot.robot.model import RobotModel
 
 
 def package_path() -> Path:
-    """Return the folder of the robot description: meshes, xacro, dimensions, loops; as ``description_folder``."""
+    """Return the folder of the robot description: meshes, xacro, dimensions, loops; like ``description_folder``."""
     return description_folder()
 
 
@@ -21,9 +21,9 @@ def examples_path() -> Path:
 
 
 def urdf_path(*, layout: str | None = None, model: RobotModel | Path | str | None = None) -> Path:
-    """Return a URDF file with meshes beside it, in the cache folder, of a layout (default: ``paper``) or a model.
+    """Return a URDF file with its meshes, in the cache folder, of a layout (default: ``paper``) or a model.
 
-    A model is the robot as built, or its file; drive offsets become displaced joints. Raises BadInputError where both
+    A model, or its file, is the robot as built; drive offsets become displaced joints. Raises BadInputError where both
     are given or one is wrong, OutputError where the cache folder cannot be written to.
     """
     if layout is not None and model is not None:
@@ -34,5 +34,5 @@ def urdf_path(*, layout: str | None = None, model: RobotModel | Path | str | Non
         place.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise OutputError(place, f"{problem.strerror}; name another folder in POURING_ROBOT_CACHE") from problem
-    # Written anew each time: somebody may have taken a mesh away, or the description has another one now.
+    # Written each time: a mesh may have been deleted, or the description may have changed.
     return write_urdf(urdf, place)

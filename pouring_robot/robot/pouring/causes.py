@@ -1,4 +1,4 @@
-"""Causes of the pouring robot: its fourteen effects over its parts, its thermometers, its words."""
+"""Causes of error of the pouring robot: its fourteen effects and their parts, its thermometers, its part names."""
 
 from pouring_robot.robot.description.cause_types import (
     AMBIENT,
@@ -16,7 +16,7 @@ _LEGS, _TILT = DRIVE_JOINTS[:3], DRIVE_JOINTS[3:]
 _UPPER = tuple(joints[0] for joints in CHAIN_JOINTS)
 _STROKE = {"middle_m": 0.55, "half_stroke_m": 0.2}
 _TILTED = ("xz", "yz", "xy", "yz", "xz")
-"""Directions across the axis of each joint of a leg."""
+"""Directions perpendicular to the axis of each joint of a leg."""
 _PLATFORMS = {"fixed_platform": _UPPER, "moving_platform": SEATS}
 _BORES = tuple(joint for joints in CHAIN_JOINTS for joint in (joints[0], joints[4]))
 

@@ -1,4 +1,4 @@
-"""The pouring robot as a definition like any other: its layouts, its closed-form kinematics, its names."""
+"""The pouring robot as a robot definition: its layouts, its closed-form kinematics, its names."""
 
 import dataclasses
 import functools
@@ -30,11 +30,11 @@ _SHARES = (0.1, 0.5, 0.9)  # of the workspace box along each axis
 THERMOMETERS = ("melt", *LEGS, "platform")
 
 
-_dh_table = functools.lru_cache(maxsize=4)(DHTable.from_mechanism)  # of one drawing it is asked for many times
+_dh_table = functools.lru_cache(maxsize=4)(DHTable.from_mechanism)  # requested many times for the same drawing
 
 
 class PouringDefinition(RobotDefinition):
-    """The pouring robot of a layout; raises DescriptionError, or UnknownLayoutError where there is no such layout."""
+    """The pouring robot in one layout; raises DescriptionError, or UnknownLayoutError where the layout is unknown."""
 
     parameter_groups, parameter_sets, inner_joints, causes = GROUPS, SETS, INNER_JOINTS, CAUSES
     thermometers = expected_thermometers = THERMOMETERS
@@ -43,12 +43,12 @@ class PouringDefinition(RobotDefinition):
     def __init__(self, layout: str = DEFAULT_LAYOUT, layouts_file: Path | None = None) -> None:
         self.layout, self.layouts_file = layout, layouts_file
         file, path = _shipped()
-        super().__init__(file.model_copy(update={"home": {}}), path)  # which is that of one layout
+        super().__init__(file.model_copy(update={"home": {}}), path)  # the file's home is for one layout only
         names = zip(self.drives, DRIVE_SYMBOLS, DRIVE_WORDS, strict=True)
         self.drives = tuple(dataclasses.replace(d, symbol=symbol, words=words) for d, symbol, words in names)
 
     def urdf(self) -> str:
-        """Return the robot of the drawing as URDF."""
+        """Return the URDF of the nominal robot."""
         return render_urdf(self.layout, layouts_file=self.layouts_file)
 
     def files_beside(self) -> dict[str, bytes]:
@@ -60,7 +60,7 @@ class PouringDefinition(RobotDefinition):
         return FourUPUKinematics(mechanism or self.mechanism())
 
     def _spread(self, mechanism: ClosedChainMechanism, count: int) -> FloatArray:
-        """Return a grid over the workspace box, however many poses are asked for."""
+        """Return a grid over the workspace box, regardless of ``count``."""
         return load_layout(self.layout, self.layouts_file).grid(*[_SHARES] * 4)
 
     def dh_table(self, nominal: ClosedChainMechanism) -> DHTable:
@@ -69,11 +69,11 @@ class PouringDefinition(RobotDefinition):
 
     @property
     def command_columns(self) -> tuple[Quantity, ...]:
-        """Place and tilt of the platform."""
+        """Columns of position and tilt of the platform."""
         return PLATFORM_POSE
 
     def command_axes(self, mechanism: ClosedChainMechanism) -> tuple[CommandAxis, ...]:
-        """Return the same, inside the workspace box."""
+        """Return position and tilt of the platform, with the workspace box as limits."""
         box = load_layout(self.layout, self.layouts_file).box
         edges = zip(self.command_columns, *(corner.tolist() for corner in box), strict=True)
         return tuple(CommandAxis(column, lower, upper) for column, lower, upper in edges)

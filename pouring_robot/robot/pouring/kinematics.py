@@ -1,7 +1,7 @@
 """Kinematics of the 4-UPU mechanism: closed forms for the nominal robot, workspace and joint limits.
 
-The nominal robot closes exactly, with two pairs of equal planar chains, so both directions have closed forms.
-They give the drives a controller commands, and start the closure of the actual robot.
+The nominal robot closes exactly, with two pairs of equal planar chains, so forward and inverse kinematics have closed
+forms. They give the drive values that a controller commands, and the start of the actual robot's closure.
 """
 
 import functools
@@ -29,13 +29,13 @@ TASK_ROWS = (0, 1, 2, 4)
 def chain_joints(
     fixed_m: FloatArray, moving_m: FloatArray, positions_m: FloatArray, tilts_rad: FloatArray
 ) -> FloatArray:
-    """Return the joints of all chains for poses (nominal inverse kinematics): positions (..., 3), m, tilts (...), rad.
+    """Return the joint values of all chains for poses (nominal inverse kinematics): positions (..., 3), tilts (...).
 
     ``fixed_m`` and ``moving_m`` are the U-joint centres in the fixed and in the moving platform, shape (4, 3), in m.
 
     Returns:
-        Shape (..., 4, 5): chains 1 to 4; in each the turn of the leg about y (S1) and about x (S2) in rad, the
-        distance of the two U-joint centres (S3) in m, and in rad S4 = -S2 and S5, the tilt minus S1.
+        Shape (..., 4, 5): chains 1 to 4; in each the rotation of the leg about y (S1) and about x (S2) in rad, the
+        distance between the two U-joint centres (S3) in m, and in rad S4 = -S2 and S5, the tilt minus S1.
     """
     tilt = np.asarray(tilts_rad, dtype=float)[..., None]
     bx, by, bz = moving_m.T
@@ -64,11 +64,11 @@ class FourUPUKinematics(Drawing):
         self.moving_centres_m = np.array([place(str(loops.end_frame), f"{leg}_seat") for leg in LEGS])
 
     def chain_joints(self, positions_m: FloatArray, tilts_rad: FloatArray) -> FloatArray:
-        """Return the joints of all chains for arrays of poses; see :func:`chain_joints`."""
+        """Return the joint values of all chains for arrays of poses; see :func:`chain_joints`."""
         return chain_joints(self.fixed_centres_m, self.moving_centres_m, positions_m, tilts_rad)
 
     def commands(self, poses: FloatArray) -> BatchCommand:
-        """Return drives and closed poses of poses (n, 4): x, y, z in m, tilt in rad; joint limits do not count.
+        """Return drive values and closed poses for poses (n, 4): x, y, z in m, tilt in rad; joint limits are ignored.
 
         Raises:
             BadInputError: the array has another shape.
@@ -84,9 +84,9 @@ class FourUPUKinematics(Drawing):
         return BatchCommand(poses, drives, BatchStart(poses[:, :3], rotation, joints))
 
     def starts(self, drives: FloatArray, /) -> BatchStart:
-        """Return the closed poses of drive values (n, 4), in m and rad; NaN where no pose has them.
+        """Return the closed poses for drive values (n, 4), in m and rad; NaN where there is none.
 
-        Raises NoSolutionError as :meth:`forward` of a layout that has no closed form.
+        Raises NoSolutionError, like :meth:`forward`, for a layout that has no closed form.
         """
         return self.commands(self._assemblies(drives)[0][:, 0]).start
 
@@ -101,13 +101,13 @@ class FourUPUKinematics(Drawing):
         return dict(zip(sum(CHAIN_JOINTS, ()), joints.ravel().tolist(), strict=True))
 
     def inverse(self, pose: PlatformPose) -> dict[str, float]:
-        """Return the commanded drive values of a pose, in m and rad; raises UnreachablePoseError beyond limits."""
+        """Return the drive values to command for a pose, in m and rad; raises UnreachablePoseError beyond limits."""
         values = self.joint_values(pose)
         refuse_beyond(joint_reach(self.mechanism, values))
         return {drive: values[drive] for drive in self.mechanism.loops.drives}
 
     def configuration(self, pose: PlatformPose) -> FloatArray:
-        """Return the closed nominal configuration at a pose, joint limits aside; shape (nq,)."""
+        """Return the closed nominal configuration at a pose, ignoring joint limits; shape (nq,)."""
         return self.mechanism.with_joint_values(self.mechanism.neutral_configuration(), self.joint_values(pose))
 
     @functools.cached_property
@@ -125,12 +125,12 @@ class FourUPUKinematics(Drawing):
     def forward(self, drives: Mapping[str, float], near: PlatformPose | None = None) -> PlatformPose:
         """Return the nominal pose for drive values (m, rad) by joint name, in closed form.
 
-        Legs 1 and 2 give y; seen along y, leg pair 3-4 is then a rod fixed to the platform at the angle theta46, and
-        the rear fixed joints lie where two circles meet. Of the two meetings the one nearer to ``near`` (default: the
-        assembly in which the platform hangs upright) is taken.
+        Legs 1 and 2 determine y. Seen along y, leg pair 3-4 is then a rod fixed to the platform at the angle theta46,
+        and the rear fixed joints are at an intersection of two circles. Of the two intersections the one nearer to
+        ``near`` is taken (default: the assembly mode in which the platform hangs upright).
 
-        Raises BadInputError where a value is missing or not finite, or a name is no drive; NoSolutionError where no
-        pose has these leg lengths, or y cannot be found from them (equal half-widths).
+        Raises BadInputError where a value is missing or not finite, or a name is not a drive; NoSolutionError where no
+        pose has these leg lengths, or they do not determine y (equal half-widths).
         """
         self.check_drives(drives)
         values = np.array([float(drives[name]) for name in DRIVE_JOINTS])
@@ -149,12 +149,12 @@ class FourUPUKinematics(Drawing):
         upright, other = map(PlatformPose.of_values, poses)
         return min(upright, other, key=lambda pose: _apart(pose, near or upright))
 
-    @np.errstate(invalid="ignore", over="ignore")  # what no pose has is NaN
+    @np.errstate(invalid="ignore", over="ignore")  # drive values without a pose give NaN
     def _assemblies(self, drives: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the two poses that have drive values (n, 4), m and rad, upright first, (n, 2, 4), and by which legs.
+        """Return the two poses for drive values (n, 4), m and rad, upright first, (n, 2, 4), and extents of the legs.
 
-        That is, of the rear legs and of the front ones, their lengths seen along y, and how far they reach along it,
-        (n, 2) each. NaN is what no pose has.
+        These are the lengths of rear and front legs seen along y, and their extents along y, (n, 2) each. Values are
+        NaN where there is no pose.
         """
         fixed, moving = self._pairs
         offsets = self.moving_centres_m[:, 1] - self.fixed_centres_m[:, 1]
@@ -164,11 +164,11 @@ class FourUPUKinematics(Drawing):
         y = ((l1**2 - l2**2) - (offsets[0] ** 2 - offsets[1] ** 2)) / (2.0 * (offsets[0] - offsets[1]))
         across = y[:, None] + offsets[[0, 2]]
         sides = np.sqrt(drives[:, [0, 2]] ** 2 - across**2)
-        # In platform axes: front fixed centre, from the rod's known angle; rear one, on two circles.
+        # In platform axes: front fixed centre from the rod's known angle, rear one from two circles.
         front_fixed = moving[1] + sides[:, 1:] * np.column_stack([-np.sin(theta), np.cos(theta)])
         rear_fixed = _circle_meetings(moving[0], sides[:, 0], front_fixed, float(np.linalg.norm(fixed[1] - fixed[0])))
         seen, real = front_fixed[:, None] - rear_fixed, fixed[1] - fixed[0]
-        # x-z plane with R_y(r): a vector (x, z) seen in the platform is (x cos r + z sin r, z cos r - x sin r) outside.
+        # x-z plane with R_y(r): a vector (x, z) in platform axes is (x cos r + z sin r, z cos r - x sin r) in O's axes.
         tilt = np.arctan2(seen[..., 1], seen[..., 0]) - math.atan2(real[1], real[0])
         tilt = np.arctan2(np.sin(tilt), np.cos(tilt))
         cos, sin = np.cos(tilt), np.sin(tilt)
@@ -179,9 +179,9 @@ class FourUPUKinematics(Drawing):
 
 
 def _circle_meetings(centre_a: FloatArray, radii_a: FloatArray, centres_b: FloatArray, radius_b: float) -> FloatArray:
-    """Return the two points at the given distances from two centres in a plane, (n, 2, 2); NaN where there are none.
+    """Return the two intersections of two circles in a plane, (n, 2, 2); NaN where there are none.
 
-    Centres are (2,) and (n, 2), the distances (n,) and one for all.
+    Centres are (2,) and (n, 2), radii (n,) and one for all.
     """
     across = centres_b - centre_a
     distance = np.linalg.norm(across, axis=1)
@@ -192,6 +192,6 @@ def _circle_meetings(centre_a: FloatArray, radii_a: FloatArray, centres_b: Float
 
 
 def _apart(pose: PlatformPose, near: PlatformPose) -> float:
-    """Return how far two poses are apart, in m + rad."""
+    """Return the distance between two poses, in m + rad."""
     gap = np.linalg.norm(np.subtract(pose.position_m, near.position_m))
     return float(gap) + abs(math.remainder(pose.tilt_rad - near.tilt_rad, 2.0 * math.pi))

@@ -1,11 +1,11 @@
-"""The dimensions file: its layouts, and the URDF made of one; its schema is ``layout_schema``.
+"""The dimensions file: its layouts, and the URDF made from one; its schema is in ``layout_schema``.
 
-The URDF is the source of the geometry; xacro makes it from the same file. This module checks the
-file before xacro sees it (a misspelt key, a negative size, a NaN is refused with file, line and key), for the few
-things that a URDF cannot hold as well: the workspace, the ladle's payload, the required accuracy.
+The URDF is the source of the geometry; xacro makes it from the dimensions file. This module checks the file before
+xacro reads it (a misspelt key, a negative size or a NaN is refused with file, line and key), including what a URDF
+cannot hold: the workspace, the ladle's payload, the required accuracy.
 
-A file that is missing or wrong raises DescriptionError, which names file, line and key; a layout that it does not hold
-UnknownLayoutError.
+A file that is missing or wrong raises DescriptionError, which names file, line and key; a layout that is not in it
+raises UnknownLayoutError.
 """
 
 import importlib.metadata
@@ -27,9 +27,9 @@ from pouring_robot.robot.pouring import layout_schema
 from pouring_robot.robot.pouring.layout_schema import Layout, LayoutsFile
 from pouring_robot.robot.pouring.names import CHAINS, DEFAULT_LAYOUT
 
-# YAML 1.1, as xacro reads it; the compiled one where PyYAML has it.
+# YAML 1.1, as xacro reads it; the compiled loader where PyYAML has it.
 _XACRO_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-# The mesh is made of flat facets, so its outline lies up to 0.3 % inside the true one.
+# The mesh consists of flat facets, so its outline is up to 0.3 % inside the true one.
 _MESH_TOLERANCE = 0.005
 
 
@@ -59,7 +59,7 @@ def _layout_in(path: Path, text: str, name: str) -> Layout:
 
 @lru_cache(maxsize=16)
 def _parse(path: Path, text: str) -> LayoutsFile:
-    """Return the checked file; its text is part of the key, so a file that was changed is read again."""
+    """Return the checked file; its text is part of the cache key, so a changed file is read again."""
 
     def read() -> str:
         content = parse_yaml(text, path)
@@ -75,9 +75,9 @@ def _parse(path: Path, text: str) -> LayoutsFile:
 
 
 def _refuse_ambiguous(path: Path, ours: object, theirs: object, key: str = "") -> None:
-    """Refuse a value that our reader (YAML 1.2) and xacro's (YAML 1.1) would take for different things.
+    """Refuse a value that our reader (YAML 1.2) and xacro's (YAML 1.1) would interpret differently.
 
-    `7.85e3` is a number to one and text to the other, `010` is ten to one and eight to the other.
+    `7.85e3` is a number for one and text for the other, `010` is ten for one and eight for the other.
     """
     if isinstance(ours, dict) and isinstance(theirs, dict):
         for name, value in ours.items():
@@ -95,15 +95,15 @@ def _refuse_ambiguous(path: Path, ours: object, theirs: object, key: str = "") -
 
 
 def stale_mesh_note(name: str, layouts_file: Path | None) -> str | None:
-    """Return a line that says so if the ladle's mesh has another size than the dimensions file; otherwise None."""
+    """Return a note if the ladle's mesh differs in size from the dimensions file; otherwise None."""
     file = layouts_file or shipped_layouts_file()
     ladle = load_layout(name, file).ladle
     path = description_folder() / "meshes" / ladle.mesh.value
-    if not path.is_file():  # whoever draws it says that it is missing
+    if not path.is_file():  # reported when the mesh is drawn
         return None
     import trimesh  # takes half a second to import
 
-    # In the frame ``ladle`` the vessel hangs below its rim (z = 0); the pouring lip reaches out towards +x.
+    # In the frame ``ladle`` the vessel hangs below its rim (z = 0); the pouring lip projects towards +x.
     rim = ladle.outer_radius_top.metres + ladle.rim_flange.metres
     lip = max(rim, ladle.outer_radius_top.metres + ladle.lip_reach.metres)
     wanted = np.array([[-rim, -rim, -ladle.height.metres], [lip, rim, 0.0]])
@@ -121,8 +121,8 @@ def render_urdf(
 ) -> str:
     """Return the robot's URDF; safe to call from several threads.
 
-    Rendering takes half a second; the result is kept on disk by a hash of everything it depends on, so a changed
-    file is seen and an unchanged one is rendered once a machine.
+    Rendering takes half a second. The result is cached on disk under a hash of everything it depends on, so a changed
+    file is detected and an unchanged one is rendered once per machine.
 
     Args:
         layout: name of a layout in the dimensions file.
@@ -131,8 +131,8 @@ def render_urdf(
 
     Raises:
         DescriptionError: a file is wrong; names it and, where known, line and key.
-        UnknownLayoutError: the dimensions file holds no such layout.
-        ValueError: ``chain_order`` is not an order of 1, 2, 3, 4.
+        UnknownLayoutError: the layout is not in the dimensions file.
+        ValueError: ``chain_order`` is not a permutation of 1, 2, 3, 4.
     """
     if sorted(chain_order) != list(CHAINS):
         raise ValueError(f"chain_order must hold 1, 2, 3 and 4 once each, not {tuple(chain_order)}")
@@ -143,20 +143,20 @@ def render_urdf(
     arguments = {"layout": layout, "chains": " ".join(str(chain) for chain in chain_order)}
     parts = [f"{key}={value}" for key, value in arguments.items()]
     parts += [importlib.metadata.version("xacro"), *(read_text(file) for file in sorted(folder.glob("*.xacro")))]
-    arguments["layouts_file"] = str(path)  # its text counts, not its place
+    arguments["layouts_file"] = str(path)  # the key contains its text, not its path
     return _rendered(content_key([dimensions, *parts]), dimensions, folder, tuple(arguments.items()))
 
 
 @lru_cache(maxsize=64)
 def _rendered(key: str, dimensions: str, folder: Path, arguments: tuple[tuple[str, str], ...]) -> str:
-    """Return the rendering that the key stands for: an earlier process may have made it."""
+    """Return the rendering for a cache key; an earlier process may have made it."""
 
     def render() -> str:
         from pouring_robot.robot.description.xacro_to_urdf import run_xacro
 
         path = Path(dict(arguments)["layouts_file"])
         urdf = run_xacro(folder / "pouring_robot.urdf.xacro", dict(arguments), [path])
-        if read_text(path) != dimensions:  # xacro read it by itself: do not keep its answer under the other's name
+        if read_text(path) != dimensions:  # xacro read a newer text: do not cache its output under the old key
             raise DescriptionError(path, "changed while it was read; run the command again")
         return urdf
 

@@ -1,4 +1,4 @@
-"""Schema of the dimensions file: which keys there are, and what each value may be.
+"""Schema of the dimensions file: its keys, and the values that each may have.
 
 Every entry is ``{value, unit, source, note}``. Unknown keys, wrong units, sizes that are not positive and
 numbers that are not finite are refused. The properties ``metres`` and ``radians`` give SI values.
@@ -38,7 +38,7 @@ def _si(entry: Entry[Value, Unit]) -> Value:
 
 
 class InMetres(Entry[Value, Unit]):
-    """What is measured in lengths."""
+    """An entry whose values are lengths."""
 
     @property
     def metres(self) -> Value:
@@ -47,7 +47,7 @@ class InMetres(Entry[Value, Unit]):
 
 
 class InRadians(Entry[Value, Unit]):
-    """What is measured in angles."""
+    """An entry whose values are angles."""
 
     @property
     def radians(self) -> Value:
@@ -58,7 +58,7 @@ class InRadians(Entry[Value, Unit]):
 Length = InMetres[PositiveFloat, Literal["mm", "m"]]
 Position = InMetres[Point, Literal["mm", "m"]]
 Centres = InMetres[tuple[Point, Point, Point, Point], Literal["mm", "m"]]
-"""Four points, one a chain."""
+"""Four points, one per chain."""
 LengthRange = InMetres[Bounds, Literal["mm", "m"]]
 Angle = InRadians[PositiveFloat, Literal["rad", "deg"]]
 AngleRange = InRadians[Bounds, Literal["rad", "deg"]]
@@ -73,7 +73,7 @@ Mesh = Entry[MeshName, Literal["file"]]
 
 
 class Workspace(StrictModel):
-    """Box the moving platform's origin is used in, its tilt, and the accuracy asked for."""
+    """Box for the moving platform's origin, range of its tilt, and the required accuracy."""
 
     x: LengthRange
     y: LengthRange
@@ -128,7 +128,7 @@ class Truss(StrictModel):
 
 
 class FixedPlatform(StrictModel):
-    """Frame that carries the upper U joints."""
+    """Fixed platform, which carries the upper U joints."""
 
     bar_width: Length
     bar_height: Length
@@ -137,7 +137,7 @@ class FixedPlatform(StrictModel):
 
 
 class MovingPlatform(StrictModel):
-    """Frame that carries the lower U joints and the ladle."""
+    """Moving platform, which carries the lower U joints and the ladle."""
 
     bar_width: Length
     bar_height: Length
@@ -148,7 +148,7 @@ class MovingPlatform(StrictModel):
 
 
 class Leg(StrictModel):
-    """One UPU chain; all four are the same part."""
+    """One UPU chain; all four are identical."""
 
     gimbal_half_width: Length
     gimbal_bar: Length
@@ -183,7 +183,7 @@ class Ratings(StrictModel):
     leg_force: Force
     joint_speed: Spin
     joint_torque: Torque
-    drag: Entry[Share, Literal["1"]] | None = None  # of its rated force that a joint resists with at its rated speed
+    drag: Entry[Share, Literal["1"]] | None = None  # a joint's resistance at rated speed over its rated force
 
 
 class Materials(StrictModel):
@@ -224,7 +224,7 @@ class Common(Entries):
 
 
 class Layout(Common):
-    """One layout, complete: sizes of every part, as the file has them."""
+    """One complete layout: sizes of every part, as in the file."""
 
     fixed_centres: Centres
     moving_centres: Centres

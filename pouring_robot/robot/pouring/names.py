@@ -1,14 +1,14 @@
-"""Names of the pouring robot's parts and of groups of its errors, as URDF, files and the command line have them."""
+"""Names of the pouring robot's parts and of groups of its errors, as in the URDF, in files and on the command line."""
 
 DEFAULT_LAYOUT = "paper"
-"""Of the dimensions file, where nobody names one."""
+"""The layout in the dimensions file that is used unless one is named."""
 CHAINS = (1, 2, 3, 4)
 LEGS = tuple(f"leg{i}" for i in CHAINS)
 CHAIN_JOINTS = tuple(tuple(f"{leg}_s{k}" for k in range(1, 6)) for leg in LEGS)
-"""S1 to S5 of each chain: turn and turn of the upper U joint, stroke, turn and turn of the lower U joint."""
+"""S1 to S5 of each chain: both rotations of the upper U joint, stroke, both rotations of the lower U joint."""
 STROKES = tuple(joints[2] for joints in CHAIN_JOINTS)
 INNER_JOINTS = frozenset(name for joints in CHAIN_JOINTS for name in joints[1:])
-"""Joints inside a leg and its U joints, whose distances are machined in one part."""
+"""Joints inside a leg and its U joints, whose distances are machined within one part."""
 SEATS = tuple(f"{leg}_seat_mount" for leg in LEGS)
 """The fixed joints that place the lower U-joint centres on the moving platform."""
 
@@ -17,7 +17,7 @@ DRIVE_JOINTS = ("leg1_s3", "leg2_s3", "leg3_s3", "leg4_s5")
 DRIVE_SYMBOLS = ("l1", "l2", "l3", "theta46")
 DRIVE_WORDS = ("leg 1", "leg 2", "leg 3", "the tilt drive")
 DRIVE_COLUMNS = ("q1", "q2", "q3", "q4")
-"""What a campaign calls the drives: the first three are lengths, the last is an angle."""
+"""Names of the drives in a campaign: the first three are lengths, the last is an angle."""
 
 GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     "drives": ("zero offsets of the drives", ("drive.*",)),
@@ -33,7 +33,7 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     "dh_lower_joints": ("lower U joints, DH table", ("*_e?_45", "*_e?_56", "d_e?_5", "d_e?_6")),
     "dh_moving_platform": ("moving-platform installation, DH table", ("*_e?_6o", "*_e?_o")),
 }
-"""What one physical cause moves together: its meaning on the machine, and the patterns of its parameters."""
+"""Parameters that one physical cause changes together, by group: meaning on the machine, and name patterns."""
 SETS: dict[str, tuple[str, ...]] = {
     "geometry": ("drives", "fixed_centres", "moving_centres", "fixed_axes", "moving_axes"),
     "centres": ("drives", "fixed_centres", "moving_centres"),

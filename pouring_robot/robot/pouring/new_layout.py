@@ -1,8 +1,8 @@
-"""A dimensions file for a machine of one's own: the shipped one with what the owner says, and checks of what it makes.
+"""A dimensions file for a user's own machine: the shipped file with the owner's sizes, and checks of the result.
 
-Joint limits that nobody gives are what the workspace needs, with a margin. Singular are poses where small errors of the
-drives make large ones of the platform: where the smallest singular value of ∂drives/∂pose comes to nothing. Tilts count
-as lengths at the arm of the moving U joints, so that both are in metres.
+Joint limits that are not given are what the workspace needs, plus a margin. Poses are singular where small errors of
+the drives cause large errors of the platform: where the smallest singular value of ∂drives/∂pose vanishes. The tilt
+counts as a length at the arm of the moving U joints, so that all components are in metres.
 """
 
 import math
@@ -34,9 +34,9 @@ _SIGNS = np.array([[-1, 1], [-1, -1], [1, 1], [1, -1]])
 
 @dataclass(frozen=True)
 class NewLayout:
-    """What the owner of a machine says of it: the U joints of each platform stand at the corners of a rectangle.
+    """The sizes that the owner of a machine gives; the U joints of each platform are at the corners of a rectangle.
 
-    Sizes that are not above zero, and ranges not from low to high, raise BadInputError.
+    Sizes that are not positive, and ranges that do not go from low to high, raise BadInputError.
     """
 
     name: str = field(metadata={"asked": "Name of the machine (one word)"})
@@ -51,7 +51,7 @@ class NewLayout:
     stroke_mm: Pair | None = None  # shortest and longest leg; None: what the workspace needs
 
     def __post_init__(self) -> None:
-        if not self.name.isidentifier() or yaml.safe_load(self.name) != self.name:  # a switch to xacro's YAML
+        if not self.name.isidentifier() or yaml.safe_load(self.name) != self.name:  # to xacro's YAML a switch
             raise BadInputError(
                 f"the name '{self.name}' must be one word of letters, digits and _, but not a word such as 'on'"
             )
@@ -68,7 +68,7 @@ class NewLayout:
 
     @classmethod
     def usual(cls) -> Self:
-        """Return the paper's robot, under a name of its own."""
+        """Return the paper's robot, under another name."""
         paper = load_layout()
         corners = [np.ptp(one.metres, axis=0)[:2] / MM for one in (paper.fixed_centres, paper.moving_centres)]
         *edges, tilt = np.transpose(paper.box)
@@ -93,7 +93,7 @@ class NewLayout:
         return chain_joints(fixed, moving, poses[:, :3], poses[:, 3])
 
     def limits(self) -> dict[str, tuple[Pair, str]]:
-        """Return limits of S1 to S5 with their unit, mm or rad: as given, or what the workspace needs with a margin."""
+        """Return limits of S1 to S5 with their unit, mm or rad: as given, or what the workspace needs plus a margin."""
         values = self.joints(self.poses)
         found = {}
         for k in range(5):
@@ -109,7 +109,7 @@ class NewLayout:
         return found
 
     def file_text(self) -> str:
-        """Return the dimensions file: the shipped one, with this layout alone."""
+        """Return the text of the dimensions file: the shipped one, with only this layout."""
         content = YAML().load(read_text(shipped_layouts_file()))
         entry = content["layouts"].pop("paper")
         for other in tuple(content["layouts"]):
@@ -129,7 +129,7 @@ class NewLayout:
             if getattr(self, key) != getattr(usual, key):
                 _say(place, value, unit, _OWNER)
         limits, leg = self.limits(), content["common"]["leg"]
-        through = limits["s3"][0][1] + leg["housing_above"]["value"]  # the rod runs past the nut, heat goes that way
+        through = limits["s3"][0][1] + leg["housing_above"]["value"]  # the rod extends beyond the nut and conducts heat
         if through > leg["spindle_length"]["value"]:
             _say(leg["spindle_length"], round(through, 3), "mm", "through the housing at full reach")
         for key, (pair, unit) in limits.items():
@@ -139,29 +139,29 @@ class NewLayout:
 
 
 QUESTIONS: dict[str, str] = {one.name: one.metadata["asked"] for one in fields(NewLayout) if one.metadata}
-"""What the owner is asked, by field."""
+"""Questions to the owner, by field."""
 
 
 def _say(entry: CommentedMap, value: Any, unit: str, whose: str) -> None:
-    """Put a value into an entry, and whose it is; whose it was before is no longer said."""
+    """Set the value of an entry, and replace its source and note."""
     entry["value"], entry["unit"], entry["source"], entry["note"] = value, unit, "assumed", whose
 
 
 @dataclass(frozen=True)
 class CheckedLayout:
-    """What a layout makes of its workspace."""
+    """How well a layout reaches its workspace, and how well its drives hold the platform there."""
 
-    poses: int  # how many were looked at
+    poses: int  # how many poses were checked
     reached: int  # how many of them are within all limits
-    limiting: dict[str, int]  # joints that stop short of a pose, with in how many poses they do
+    limiting: dict[str, int]  # number of poses out of reach, by limiting joint
     needed_mm: Pair  # shortest and longest leg that the workspace needs
-    amplified: Pair  # how many mm the platform is off for a mm of the worst set of drives: median and most
-    worst: tuple[float, ...]  # where that is most, (4,): x, y, z in mm, tilt in degrees
-    singular: bool  # whether the platform is not held somewhere, or on the other side of such a place
+    amplified: Pair  # platform error in mm per mm of drive error in the worst direction: median and maximum
+    worst: tuple[float, ...]  # pose of the maximum, (4,): x, y, z in mm, tilt in degrees
+    singular: bool  # whether the drives do not hold the platform at some pose, or a singularity lies between poses
 
 
 def checked(layout: NewLayout) -> CheckedLayout:
-    """Look whether a layout reaches its workspace, and is held everywhere in it."""
+    """Check whether a layout reaches its workspace, and whether its drives hold the platform everywhere in it."""
     poses = layout.poses
     joints, factors = layout.joints(poses), {"mm": 1.0 / MM, "rad": 1.0}
     beyond: dict[str, int] = {}
@@ -186,9 +186,9 @@ def checked(layout: NewLayout) -> CheckedLayout:
 
 
 _HELD = 100.0
-"""Times an error of the drives that the platform is off, from which on nothing is held: 0.1 mm become a centimetre,
-which is the accuracy that pouring needs."""
-_UNBOUNDED = 1e6  # times, from which on the figure is that of round-off
+"""Amplification of drive errors above which the platform does not count as held: 0.1 mm become a centimetre, which is
+the accuracy that pouring needs."""
+_UNBOUNDED = 1e6  # amplification above which the figure is round-off
 
 
 def _slopes(layout: NewLayout, poses: FloatArray) -> FloatArray:
@@ -202,7 +202,7 @@ def _slopes(layout: NewLayout, poses: FloatArray) -> FloatArray:
 
 
 def check_lines(found: CheckedLayout) -> list[str]:
-    """Return what was found of a layout, in sentences."""
+    """Return the results of the check, in sentences."""
     low, high = found.needed_mm
     lines = [f"the workspace needs legs of {low:.1f} to {high:.1f} mm"]
     lines.append(f"{found.reached} of {found.poses} poses over the workspace are within all joint limits")

@@ -1,4 +1,4 @@
-"""What the controller of the pouring robot commands: the platform's four freedoms."""
+"""What the controller of the pouring robot commands: the platform's four degrees of freedom."""
 
 import math
 from collections.abc import Iterable
@@ -15,15 +15,15 @@ from pouring_robot.mechanism.arrays import finite
 from pouring_robot.mechanism.rotations import tilts
 
 PLATFORM_POSE = (*(Quantity(name, "length", required=True) for name in "xyz"), Quantity("tilt", "angle", required=True))
-"""The numbers of a pose in a table, each in a column of any unit of its kind."""
+"""The numbers of a pose in a table, each in a column with any unit of its kind."""
 
 POSE_COLUMNS = ("x_mm", "y_mm", "z_mm", "tilt_deg")
-"""The same in mm and degrees, as tables that are written and figures name them."""
+"""Their names in mm and degrees, in written tables and printed figures."""
 
 
 @dataclass(frozen=True)
 class PlatformPose:
-    """What the controller commands: position and tilt of the moving platform, or BadInputError if one is not finite."""
+    """A commanded pose: position and tilt of the moving platform; raises BadInputError if one is not finite."""
 
     position_m: tuple[float, float, float]  # origin o of the moving platform in the fixed platform O, in m
     tilt_rad: float  # r, rotation about y, in rad
@@ -31,19 +31,19 @@ class PlatformPose:
     def __post_init__(self) -> None:
         position = finite(self.position_m, (3,), "the pose's x, y, z must be finite numbers, in m")
         tilt = finite(self.tilt_rad, (), "the pose's tilt must be a finite number, in rad")
-        # What was given may be an array, which neither compares nor hashes.
+        # The input may be an array, which has neither a plain comparison nor a hash.
         object.__setattr__(self, "position_m", tuple(position.tolist()))
         object.__setattr__(self, "tilt_rad", tilt.item())
 
     @classmethod
     def of_values(cls, values: Iterable[float]) -> Self:
-        """Take x, y, z in m and the tilt in rad, (4,), as :attr:`values` gives them."""
+        """Make a pose from x, y, z in m and the tilt in rad, (4,), as in :attr:`values`."""
         x, y, z, tilt = finite(values, (4,), "a command is x, y, z in m and the tilt in rad").tolist()
         return cls((x, y, z), tilt)
 
     @classmethod
     def from_mm_deg(cls, x_mm: float, y_mm: float, z_mm: float, tilt_deg: float) -> Self:
-        """Take a pose in mm and degrees."""
+        """Make a pose from values in mm and degrees."""
         demand = "the pose's x, y, z and tilt must be finite numbers, in mm and degrees"
         *position, tilt = finite((x_mm, y_mm, z_mm, tilt_deg), (4,), demand).tolist()
         x, y, z = (value * MM for value in position)
@@ -51,7 +51,7 @@ class PlatformPose:
 
     @classmethod
     def from_se3(cls, pose_fixed_platform_to_moving_platform: pin.SE3) -> Self:
-        """Take the four freedoms out of a full pose: its position, and its tilt about y."""
+        """Extract the four degrees of freedom from a full pose: its position, and its tilt about y."""
         expect(pose_fixed_platform_to_moving_platform, pin.SE3, "a full pose is a pinocchio.SE3")
         x, y, z = (float(value) for value in pose_fixed_platform_to_moving_platform.translation)
         return cls((x, y, z), tilts(pose_fixed_platform_to_moving_platform.rotation).item())

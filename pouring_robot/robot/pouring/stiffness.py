@@ -6,12 +6,12 @@ Bars and beams are those of W. Young and R. Budynas, Roark's Formulas for Stress
 (mm, N, mm) with :math:`Q = 4.6\, F / Z` on the most loaded of Z rollers (T. Harris, Rolling Bearing Analysis, ch. 6
 and 7), so that its stiffness at a load is :math:`F / (0.9\, \delta)`.
 
-Along a leg lie in series the gimbal (four sides of a square, each loaded in its middle), its trunnions' bearings, the
+In series along a leg are the gimbal (four sides of a square, each loaded in its middle), its trunnions' bearings, the
 housing as a tube, thrust bearing and nut, the spindle as a bar down to the lower joint, and that joint's cross in the
-fork and in the foot, with bearings. About the leg, a U joint passes the spindle's torsion on and frees the other turns.
-What a leaning leg's joints make of torsion bends it, too; that is left out: at the workspace's largest lean of 0.32 rad
-it adds tan² 0.32 · G J / (E I), 8 %, to the torsion's compliance. Leg 4 holds the tilt drive's torque: a beam on two
-supports with a moment at one end, which turns there by :math:`T L / (3 E I)`.
+fork and in the foot, with bearings. About the leg, a U joint transmits the spindle's torsion and frees the other
+rotations. At an inclined leg the joints also convert torsion into bending; this is left out: at the workspace's largest
+inclination of 0.32 rad it adds tan² 0.32 · G J / (E I), 8 %, to the torsional compliance. Leg 4 holds the tilt drive's
+torque: a beam on two supports with a moment at one end, which rotates there by :math:`T L / (3 E I)`.
 """
 
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ class Bearing(StrictModel):
 
 
 class AxialPart(StrictModel):
-    """A bought part with a stiffness along the leg."""
+    """A bought-in part with a stiffness along the leg."""
 
     axial: AxialStiffness
 
@@ -58,7 +58,7 @@ class TiltDrive(StrictModel):
 
 
 class Measured(StrictModel):
-    """Measured stiffness in place of computed ones, in N/m and Nm/rad."""
+    """Measured stiffness values that replace computed ones, in N/m and Nm/rad."""
 
     leg_axial: PositiveFloat | None = None
     joint: PositiveFloat | None = None
@@ -74,7 +74,7 @@ class StiffnessProperties(StrictModel):
     nut: AxialPart  # of a leg's drive
     thrust_bearing: AxialPart
     tilt_drive: TiltDrive  # gearbox
-    measured: Measured = Measured()  # what takes the place of computed figures
+    measured: Measured = Measured()  # values that replace computed ones
 
 
 def load_stiffness(path: Path | str | None = None) -> StiffnessProperties:
@@ -85,11 +85,11 @@ def load_stiffness(path: Path | str | None = None) -> StiffnessProperties:
 
 @dataclass(frozen=True)
 class PartStiffness:
-    """What holds the platform at a pose; N/m and Nm/rad."""
+    """Stiffness of the parts that hold the platform at a pose; N/m and Nm/rad."""
 
     leg_axial: FloatArray  # of each leg's drive along it: spindle, housing, nut, thrust bearing; shape (4,)
     joint: float  # of both U joints of a leg along it
-    leg_torsion: FloatArray  # of each leg about itself, shape (4,)
+    leg_torsion: FloatArray  # of each leg about its axis, shape (4,)
     tilt_drive: float  # of θ46: gearbox and leg 4, which bends under its torque
     shares: dict[str, float]  # compliance along a leg of middle length by part, in m/N
 
@@ -97,7 +97,7 @@ class PartStiffness:
     def of(
         cls, layout: Layout, lengths_m: FloatArray, load_N: float, properties: StiffnessProperties | None = None
     ) -> Self:
-        """Compute it for a layout, lengths of the legs (4,), in m, and a load along a leg, in N, that bearings feel."""
+        """Compute it for a layout, leg lengths (4,), in m, and a load along a leg, in N, on the bearings."""
         given = properties or load_stiffness()
         leg, E, G = layout.leg, given.steel.youngs_modulus.value, given.steel.shear_modulus.value
         spindle_m = np.maximum(lengths_m - leg.housing_below.metres, _SHORTEST_SPINDLE_M)
@@ -112,7 +112,7 @@ class PartStiffness:
         bearing = _bearing(given.bearing, 0.5 * load_N)
         length, below = float(lengths_m[3]), min(leg.housing_below.metres, float(lengths_m[3]))
         rod, tube = 0.25 * np.pi * radius**4, 0.25 * np.pi * (outer**4 - inner**4)
-        # Its moment falls to zero at the upper joint; the housing is the upper part.
+        # Leg 4's bending moment falls to zero at the upper joint; the housing is the upper part.
         bent = (length / rod + (below / length) ** 3 * length * (1.0 / tube - 1.0 / rod)) / (3.0 * E)
         cross = 0.25 * np.pi * leg.cross_radius.metres**4
         joint = {
@@ -134,9 +134,9 @@ class PartStiffness:
 
 
 def beam(E: float, inertia: float, span: float) -> float:
-    """Return the compliance of a beam on two supports under its middle, in m/N.
+    """Return the compliance at the middle of a beam on two supports, in m/N.
 
-    A gimbal's four sides are two pairs in series, two sides a pair: as soft as one of them.
+    A gimbal's four sides are two pairs in series, each of two parallel sides: as compliant as one side.
     """
     return float(span**3 / (48.0 * E * inertia))
 

@@ -1,7 +1,7 @@
 """Materials, surfaces and contacts of the thermal model: the file ``thermal.yaml`` and its schema.
 
 Every entry is ``{value, unit, source, note}`` as in the dimensions file. Values are SI except sizes (mm or m) and
-temperatures (°C at the user's edge, K inside).
+temperatures (°C for the user, K internally).
 """
 
 from pathlib import Path
@@ -17,7 +17,7 @@ from pouring_robot.robot.pouring.layout_schema import Density, InMetres, Share
 from pouring_robot.robot.pouring.names import LEGS
 
 PARTS = (*LEGS, "platform", "fixed_platform")
-"""Parts with a temperature of their own; legs and platform as campaigns name their columns (``leg1_degC`` …)."""
+"""Parts with separate temperatures; legs and platform have the names of campaign columns (``leg1_degC`` …)."""
 
 _Celsius = Annotated[float, Field(ge=ABSOLUTE_ZERO_DEGC)]
 _Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
@@ -52,7 +52,7 @@ class AmbientProperties(StrictModel):
 
 
 class SteelProperties(StrictModel):
-    """Steel; its density stands in the dimensions file."""
+    """Steel; its density is in the dimensions file."""
 
     conductivity: Conductivity
     expansion: Expansion
@@ -71,7 +71,7 @@ class InsulationProperties(StrictModel):
 
 
 class LadleProperties(StrictModel):
-    """The ladle's wall: a steel shell, the rest of the layout's wall is lining."""
+    """The ladle's wall: a steel shell; the rest of the layout's wall is lining."""
 
     shell_thickness: Thickness
 
@@ -83,13 +83,13 @@ class MovingPlatformProperties(StrictModel):
 
 
 class TrussProperties(StrictModel):
-    """The truss over the robot: which share of the melt's radiation gets there."""
+    """The truss over the robot: the share of the melt's radiation that reaches it."""
 
     exposed: Entry[Share, Literal["1"]] = Entry[Share, Literal["1"]](value=1.0, unit="1", source="assumed")
 
 
 class ContactProperties(StrictModel):
-    """Where heat passes from part to part."""
+    """Contacts through which heat flows from part to part."""
 
     nut: FilmCoefficient
     upper_joint: Conductance
@@ -97,7 +97,7 @@ class ContactProperties(StrictModel):
 
 
 class ExpansionProperties(StrictModel):
-    """When the parts have the lengths of the drawing."""
+    """The temperature at which parts have the lengths of the drawing."""
 
     reference_temperature: Temperature
 
@@ -105,8 +105,8 @@ class ExpansionProperties(StrictModel):
 class ThermalProperties(Entries):
     """All properties of the thermal model, each with unit, source and note."""
 
-    melt: MeltProperties  # the source
-    ambient: AmbientProperties  # where the heat goes
+    melt: MeltProperties  # heat source
+    ambient: AmbientProperties  # heat sink
     steel: SteelProperties  # of legs, platforms and shell
     insulation: InsulationProperties  # of lining and cladding
     ladle: LadleProperties  # its wall
@@ -116,7 +116,7 @@ class ThermalProperties(Entries):
     expansion: ExpansionProperties  # reference temperature
 
     def strain(self, degC: Warm) -> Warm:
-        """Return by which share of its length steel at a temperature, or at many, in °C, is longer than the drawing."""
+        """Return the thermal strain of steel against the drawing, at one or many temperatures, in °C."""
         return self.steel.expansion.value * (degC - self.expansion.reference_temperature.value)
 
 

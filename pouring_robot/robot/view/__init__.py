@@ -1,1 +1,1 @@
-"""The robot as the viewer shows it: scenes of where it stands and should stand, and a bench whose sliders move it."""
+"""The robot in the viewer: scenes of nominal and actual poses, and a bench whose sliders move it."""

@@ -1,4 +1,4 @@
-"""What the sliders of a live page move: pose or drives, and every geometric error by name."""
+"""The robot behind the sliders of a live page: pose or drive values, and every geometric error by name."""
 
 import dataclasses
 import math
@@ -29,23 +29,23 @@ _LARGEST = {"mm": 2.0, "mrad": 10.0}
 
 
 class PageRequest(StrictModel):
-    """What a page asks."""
+    """A request of a page."""
 
-    commanded: str  # the group of sliders that says where the robot stands: the one moved last
-    settled: bool  # whether the slider was let go of
+    commanded: str  # the group of sliders that commands the robot: the one moved last
+    settled: bool  # whether the slider was released
     values: dict[str, _Shown]  # of all sliders, by their ids, in their units
     errors: dict[str, _Shown]  # geometric errors by name, in mm or mrad, on top of the model's
 
 
 class RobotBench:
-    """A robot, at first at a location, that a page moves; the page keeps its state, so several may look at a bench."""
+    """A robot, initially at a location, that a page moves; the page keeps the state, so several may share a bench."""
 
     def __init__(self, robot: Robot, location: Location, exaggeration: float | None = None) -> None:
         self.robot, self.location = robot, location
         words = location.loops.working_frame.replace("_", " ")
         title = f"Where the {words} really is, and what moves it"
         scene = pose_scene([location], exaggeration)
-        # Errors that are too small to be seen will be made larger by their sliders, not by the factor alone.
+        # Errors that are too small to be seen are to be enlarged by their sliders, not by the factor alone.
         factor = exaggeration or min(scene.exaggeration, _MOST_AT_FIRST)
         self.scene: Scene = dataclasses.replace(scene, title=title, exaggeration=factor)
         self._changed: tuple[dict[str, float], Robot] = ({}, robot)
@@ -56,7 +56,7 @@ class RobotBench:
         self._parameters = {p.name: p for p in robot.parameters.parameters.values() if not (p.dh and p.dh.drops_out)}
 
     def sliders(self) -> dict[str, Any]:
-        """Return groups of sliders, and the geometric errors that there are, ready for JSON."""
+        """Return the groups of sliders and the available geometric errors, ready for JSON."""
         values, names = self._values(self.location), dict[str, list[str]]()
         for parameter in self._parameters.values():
             names.setdefault(_set_of(parameter), []).append(parameter.name)
@@ -80,7 +80,7 @@ class RobotBench:
         }
 
     def answer(self, wanted: Any) -> dict[str, Any]:
-        """Return where everything stands for what a page asks, or why it cannot stand there."""
+        """Return the poses of all bodies for a page's request, or why the robot cannot take that pose."""
         try:
             wish = PageRequest.model_validate(wanted)
             location = self.located(self._with_errors(wish.errors), wish)
@@ -91,11 +91,11 @@ class RobotBench:
         return {"film": film(at_location(self.scene, location)), "values": self._values(location)}
 
     def located(self, robot: Robot, wish: PageRequest) -> Location:
-        """Return where a robot stands for what a page asks."""
+        """Return a robot's location for a page's request."""
         return robot.location_of(self.command(robot, wish))
 
     def command(self, robot: Robot, wish: PageRequest) -> Any:
-        """Return the command of a wish: the drives where they were moved last, otherwise the pose if there is one."""
+        """Return the command of a request: drives where they were moved last, otherwise the pose if there is one."""
         group = DRIVES if wish.commanded == DRIVES or POSE not in self._axes else POSE
         missing = [axis.heading for axis in self._axes[group] if axis.heading not in wish.values]
         if missing:
@@ -115,7 +115,7 @@ class RobotBench:
         }
 
     def _with_errors(self, errors: Mapping[str, float]) -> Robot:
-        """Return the robot with errors added, the last one again where they are the same."""
+        """Return the robot with errors added; the previous one if they have not changed."""
         if unknown := [name for name in errors if name not in self._parameters]:
             raise BadInputError(f"there is no geometric error '{unknown[0]}'")
         if errors != self._changed[0]:
@@ -128,7 +128,7 @@ class RobotBench:
 
 
 def with_errors(model: RobotModel, errors: Mapping[Parameter, float]) -> RobotModel:
-    """Return a model with errors added, in mm or mrad: placements composed in their order, drive offsets summed."""
+    """Return a model with errors added, in mm or mrad: placements composed in order, drive offsets summed."""
     moved, offsets = dict[str, pin.SE3](), dict[str, float]()
     for parameter, value in errors.items():
         local, size = parameter.local, value * shown_in(parameter.unit)[1]
@@ -141,7 +141,7 @@ def with_errors(model: RobotModel, errors: Mapping[Parameter, float]) -> RobotMo
 
 
 def _set_of(parameter: Parameter) -> str:
-    """Return under which heading a page lists an error."""
+    """Return the heading under which a page lists an error."""
     if isinstance(parameter.local, DriveParameter):
         return "drives"
     chain = f", chain {parameter.chain}" if parameter.chain else ""

@@ -1,7 +1,7 @@
-"""What the viewer shows of ladle locations: nominal robot translucent, actual robot solid, error arrows.
+"""Ladle locations in the viewer: nominal robot translucent, actual robot solid, error arrows.
 
-Errors of a millimetre are invisible on a robot of metres, so every part of the actual robot is drawn with its
-displacement from the same part of the nominal one enlarged, shift and rotation each times a factor.
+Errors of a millimetre are invisible on a robot of metres. So every part of the actual robot is drawn with its
+displacement from the nominal part enlarged: translation and rotation are each multiplied by a factor.
 """
 
 import dataclasses
@@ -21,7 +21,7 @@ from pouring_robot.robot.description.urdf import with_mesh_files
 from pouring_robot.robot.location import Location
 from pouring_robot.viewer import GHOST_TINT, Colour, Curve, Scene, SceneArrows, SceneRobot, Step, visual_model
 
-# The largest error is drawn about this long unless the user says otherwise.
+# The largest error is drawn with about this length unless the user chooses a factor.
 _DRAWN_ERROR_M = 0.15
 _LARGEST_FACTOR = 1000.0
 _MOST_ARROWS = 100
@@ -37,10 +37,10 @@ def exaggeration_for(largest_m: float) -> float:
 
 
 def pose_scene(locations: Sequence[Location], exaggeration: float | None = None, actual: str = "as built") -> Scene:
-    """Return the scene of locations: a step for each, that with the largest error first to be seen.
+    """Return the scene of locations: a step for each; the one with the largest error is shown first.
 
-    Errors are enlarged so many times, or as is chosen; ``actual`` is what the legend calls the actual robot. Raises
-    BadInputError where there is no location, or the factor is not a positive number.
+    Errors are enlarged by ``exaggeration``, by default chosen here; ``actual`` is the actual robot's name in the
+    legend. Raises BadInputError where there is no location, or the factor is not a positive number.
     """
     if not locations:
         raise BadInputError("there is no pose to draw")
@@ -78,7 +78,7 @@ def pose_scene(locations: Sequence[Location], exaggeration: float | None = None,
 
 
 def at_location(scene: Scene, location: Location) -> Scene:
-    """Return the scene of one location at another one; what is drawn is kept, and so are camera and factor."""
+    """Return the scene of one location, changed to another location; meshes, camera and factor are kept."""
     actual, nominal = scene.robots
     drawing, places = _bodies([location])
     starts, vectors = _error_arrows([location])
@@ -94,14 +94,14 @@ def at_location(scene: Scene, location: Location) -> Scene:
 
 
 def _bodies(locations: Sequence[Location]) -> tuple[FloatArray, FloatArray]:
-    """Return where the joints of the nominal and of the actual robots stand, (k, joints, 4, 4) each, in m."""
+    """Return the poses of the joints of the nominal and of the actual robots, (k, joints, 4, 4) each, in m."""
     drawing = bodies_at(locations[0].nominal.mechanism.shared_model, [one.nominal.configuration for one in locations])
     built = (one.actual for one in locations)
     return drawing, np.concatenate([bodies_at(one.mechanism.shared_model, [one.configuration]) for one in built])
 
 
 def _error_arrows(locations: Sequence[Location]) -> tuple[FloatArray, FloatArray]:
-    """Return where the working frames should be in the world, and how far they are off, shape (k, 3) each, in m."""
+    """Return the nominal positions of the working frames in the world, and their errors, shape (k, 3) each, in m."""
     starts, vectors = [], []
     for one in locations:
         starts.append(one.nominal.pose("universe", one.loops.working_frame).translation)
@@ -119,7 +119,7 @@ def drawn_robot(
     tint: Colour | None = None,
     reference: FloatArray | None = None,
 ) -> SceneRobot:
-    """Return a mechanism whose joints stand at ``bodies`` (k, joints, 4, 4), in m, ready for a scene.
+    """Return a mechanism with its joints at the poses ``bodies`` (k, joints, 4, 4), in m, ready for a scene.
 
     Raises DescriptionError where a mesh is not found.
     """
@@ -136,7 +136,7 @@ def drawn_robot(
 
 
 def frame_places(mechanism: ClosedChainMechanism, bodies: FloatArray, name: str) -> FloatArray:
-    """Return where a frame stands in the world, (k, 4, 4), with joints at ``bodies``, (k, joints, 4, 4), in m."""
+    """Return the poses of a frame in the world, (k, 4, 4), with joints at ``bodies``, (k, joints, 4, 4), in m."""
     frame = mechanism.shared_model.frames[mechanism.frame_id(name)]
     return np.asarray(bodies[:, frame.parentJoint] @ frame.placement.homogeneous)
 

@@ -1,1 +1,1 @@
-"""From temperatures to poses: legs and platforms grow, the warm robot is closed, temperatures and pose agree."""
+"""From temperatures to poses: legs and platforms expand, and the warm robot is closed until both are consistent."""

@@ -1,8 +1,8 @@
 """How far every part of the robot moves at a pose under heat, weight or both: the paper's Fig. 8.
 
-Points of the legs lie on the line between their grown U-joint centres, those of a platform and of the ladle move with
-it and grow from its origin; the ladle grows from the middle of its trunnion axis. All are seen from the fixed platform;
-on a truss that warms and sags they are seen from the hall, and the truss is a part among them.
+Points of the legs are on the line between their expanded U-joint centres. Points of a platform move with it and expand
+from its origin; the ladle expands from the middle of its trunnion axis. Displacements are relative to the fixed
+platform; with a truss that warms and sags they are relative to the hall, and the truss is one of the parts.
 """
 
 import functools
@@ -22,25 +22,25 @@ _ON_A_LEG = 12
 _ON_A_CIRCLE = 16
 _ON_A_BAR = 5
 MOVED_HEAD = ("part", "mean", "largest", "from fixed platform: mean", "largest")
-"""Of :meth:`MovedParts.rows`."""
+"""Headings of :meth:`MovedParts.rows`."""
 
 
 @dataclass(frozen=True, eq=False)
 class DisplacementField:
-    """Where points of the parts are and how far they have moved."""
+    """Points of the parts and their displacements."""
 
-    # name of the part that each point belongs to, (n,): ``fixed_platform``, ``leg1`` …, ``platform``, ``ladle``;
-    # ``truss`` if it is seen from the hall
+    # part of each point, (n,): ``fixed_platform``, ``leg1`` …, ``platform``, ``ladle``; also ``truss`` if displacements
+    # are relative to the hall
     parts: tuple[str, ...]
-    points_m: FloatArray  # on the drawing, in the fixed platform, shape (n, 3)
+    points_m: FloatArray  # in the drawing, in the fixed platform, shape (n, 3)
     moved_m: FloatArray  # their displacement, shape (n, 3)
 
     @classmethod
     def of(cls, state: WarmState, ladle_degC: float | None = None, *, ladle_from_o: bool = False) -> Self:
-        """Return it for a closed warm robot, or a cold one under loads, against the drawing at the same command.
+        """Return it for a closed warm robot, or a cold one under loads, relative to the drawing at the same command.
 
-        ``ladle_degC``: of the ladle's steel; by default the network's shell, or the drawing's when cold.
-        ``ladle_from_o``: whether the ladle grows from o, which the paper takes for its centre, not from its trunnions.
+        ``ladle_degC``: temperature of the ladle's steel; by default the network's shell, or the drawing's when cold.
+        ``ladle_from_o``: whether the ladle expands from o, the centre in the paper, instead of from its trunnions.
         """
         robot, expansion, layout = state.robot, state.robot.expansion, state.robot.layout
         drives, start = robot.kinematics.inverse(robot.pose), robot.kinematics.configuration(robot.pose)
@@ -52,7 +52,7 @@ class DisplacementField:
             ladle_growth += state.field.properties.strain(state.field.shell_degC if ladle_degC is None else ladle_degC)
 
         def carried(before: FloatArray, after: FloatArray) -> list[FloatArray]:
-            """Return points of the moving platform, cold and warm, in the fixed one."""
+            """Return points of the moving platform, cold and warm, in the fixed platform."""
             pairs = zip((before, after), poses, strict=True)
             return [np.asarray(points @ np.array(p.rotation).T + np.array(p.translation)) for points, p in pairs]
 
@@ -72,7 +72,7 @@ class DisplacementField:
         return cls(parts, before, after - before)
 
     def on(self, truss: TrussMotion) -> Self:
-        """Return the same seen from the hall: the truss moves too, and takes everything with it."""
+        """Return the same relative to the hall: the truss moves too, and carries everything with it."""
         moved = self.moved_m + truss.carried_m(self.points_m)
         return type(self)(
             (*self.parts, *["truss"] * len(truss.points_m)),
@@ -94,7 +94,7 @@ class DisplacementField:
 
     @property
     def mean_m(self) -> float:
-        """Mean over the parts, each counted alike."""
+        """Mean over the parts, with equal weights."""
         return float(np.mean([mean for mean, _ in self.by_part.values()]))
 
     @property
@@ -110,19 +110,19 @@ class DisplacementField:
 
 @dataclass(frozen=True, eq=False)
 class MovedParts:
-    """How far every part of a robot on its truss moves."""
+    """Displacements of every part of a robot on its truss."""
 
-    own: DisplacementField  # of the robot's parts, seen from the fixed platform
-    truss: TrussMotion  # where the truss goes
-    warm: TrussTemperatures | None  # its temperatures; None for a cold one
+    own: DisplacementField  # of the robot's parts, relative to the fixed platform
+    truss: TrussMotion  # displacement of the truss
+    warm: TrussTemperatures | None  # temperatures of the truss; None for a cold one
 
     @functools.cached_property
     def hall(self) -> DisplacementField:
-        """All parts, seen from the hall."""
+        """All parts, relative to the hall."""
         return self.own.on(self.truss)
 
     def rows(self) -> list[tuple[str, ...]]:
-        """Return a row a part and one for all, in mm: mean and largest from the hall, then from the fixed platform."""
+        """Return a row per part and one for all, in mm: mean and largest, from the hall and from the fixed platform."""
         rows = {
             name: [field.by_part[name] for field in (self.hall, self.own) if name in field.by_part]
             for name in self.hall.by_part
@@ -135,7 +135,7 @@ class MovedParts:
 
     @property
     def truss_line(self) -> str:
-        """How warm the truss is and where it takes the fixed platform."""
+        """Line with the temperatures of the truss and the displacement of the fixed platform."""
         warm = ""
         if self.warm is not None:
             girders, trolley = (v.max() for v in (self.warm.girders_degC, self.warm.trolley_degC))
@@ -145,7 +145,7 @@ class MovedParts:
         return f"truss: {warm}it moves the fixed platform by {x} {y} {z} mm and turns it by {rx} {ry} mrad"
 
     def figures(self) -> dict[str, Any]:
-        """Return mean and largest of each part in mm, from the hall and from the fixed platform, ready for JSON."""
+        """Return mean and largest of each part in mm, relative to hall and fixed platform, ready for JSON."""
         truss: dict[str, Any] = {
             "shift_mm": (self.truss.shift_m / MM).tolist(),
             "turn_mrad": (self.truss.turn_rad / MRAD).tolist(),
@@ -164,7 +164,7 @@ def _outline(corners: FloatArray) -> FloatArray:
 
 
 def _ladle_points(layout: Layout) -> tuple[FloatArray, FloatArray]:
-    """Return points of the ladle in the moving platform: rim, middle, bottom and lip; and its trunnions' middle."""
+    """Return points of the ladle in the moving platform: rim, middle, bottom and lip; and the trunnions' midpoint."""
     ladle = layout.ladle
     rim, height = ladle.rim_centre.metres, ladle.height.metres
     turns = 2.0 * np.pi * np.arange(_ON_A_CIRCLE) / _ON_A_CIRCLE

@@ -1,16 +1,16 @@
-"""From temperatures to the local parameters of the pouring robot's model: legs longer, platforms grown.
+"""From temperatures to local parameters of the pouring robot's model: longer legs, larger platforms.
 
 A leg that is warmer than the drawing's temperature by ΔT(s) is longer by ∫ α ΔT ds. With the drive's own offset the
-convention is: leg length = (commanded + offset) · (1 + α · mean rise). Platforms grow about their origins, so that
-each U-joint centre moves outwards by α ΔT times its place.
+convention is: leg length = (commanded + offset) · (1 + α · mean rise). Platforms expand about their origins, so that
+each U-joint centre moves outwards by α ΔT times its position vector.
 
-The growth of a driven leg moves the robot; that of a passive one is taken up by its joint and moves nothing.
-Measured temperatures can take the place of computed ones, part by part.
+The expansion of a driven leg moves the robot; that of a passive leg is absorbed by its joint and moves nothing.
+Measured temperatures can replace computed ones, part by part.
 
-This is growth computed from the melt. Growth by a campaign's thermometers, of any robot, is an effect of
-``effects/families/growth.py``; of both at once ``twice_lines`` of ``cli/poses/heat.py`` warns.
+This expansion is computed from the melt. Expansion by a campaign's thermometers, for any robot, is an effect in
+``effects/families/growth.py``; ``twice_lines`` in ``cli/poses/heat.py`` warns if both are used at once.
 
-A leg that is hotter on one side bends, which is estimated beside: see :class:`LegBending`.
+A leg that is hotter on one side bends; this is estimated separately: see :class:`LegBending`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,16 +30,16 @@ from pouring_robot.thermal.network.temperature_field import TemperatureField
 
 
 def growth_of_drives(strain: FloatArray, drives: Sequence[str]) -> FloatArray:
-    """Return how many times as long as cold each drive is, (n, drives), by strains of which the first are the legs'."""
+    """Return the ratio of warm to cold length of each drive, (n, drives), from strains that begin with the legs'."""
     legs = [STROKES.index(name) if name in STROKES else -1 for name in drives]
     return np.stack([1.0 + strain[:, k] if k >= 0 else np.ones(len(strain)) for k in legs], axis=1)
 
 
 @dataclass(frozen=True)
 class ThermalExpansion:
-    """How much every part has grown, as strain (growth per length): legs 1 to 4 from joint to joint, both platforms.
+    """Thermal expansion of every part, as strain: legs 1 to 4 from joint to joint, both platforms.
 
-    Another number of legs, and what is not finite, raises BadInputError.
+    Another number of legs, and values that are not finite, raise BadInputError.
     """
 
     leg_strain: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
@@ -53,12 +53,12 @@ class ThermalExpansion:
 
     @classmethod
     def from_field(cls, field: TemperatureField, measured_degC: Mapping[str, float] | None = None) -> Self:
-        """Take computed temperatures, and measured means by part where there are any, as :meth:`from_temperatures`."""
+        """Make it from computed temperatures, replaced by measured means of parts; see :meth:`from_temperatures`."""
         return cls.from_temperatures(field.properties, field.mean_degC | dict(measured_degC or {}))
 
     @classmethod
     def from_temperatures(cls, properties: ThermalProperties, degC: Mapping[str, float]) -> Self:
-        """Take mean temperatures by part (:data:`PARTS`); parts left out are as warm as in the drawing.
+        """Make it from mean temperatures by part (:data:`PARTS`); parts left out are at the drawing's temperature.
 
         An unknown part raises BadInputError, a temperature below absolute zero or not finite TemperatureError.
         """
@@ -66,13 +66,13 @@ class ThermalExpansion:
         for part, value in degC.items():
             if part not in strain:
                 raise BadInputError(f"there is no part '{part}' that expands{closest(part, PARTS)}")
-            kelvin(value, part)  # refuses what is no temperature
+            kelvin(value, part)  # refuses impossible temperatures
             strain[part] = properties.strain(float(value))
         one, two, three, four = (strain[f"leg{i}"] for i in CHAINS)
         return cls((one, two, three, four), strain["platform"], strain["fixed_platform"])
 
     def placements(self, kinematics: FourUPUKinematics) -> dict[str, pin.SE3]:
-        """Return the joints of the drawing that heat displaces, by name: the U-joint centres."""
+        """Return the displacements by heat of the drawing's joints, by name: of the U-joint centres."""
         mechanism, errors = kinematics.mechanism, {}
         data = mechanism.frames_at(mechanism.neutral_configuration())
         for k, i in enumerate(CHAINS):
@@ -91,22 +91,22 @@ class ThermalExpansion:
 class LegBending:
     """Estimated bending of the four legs, which the closure leaves out.
 
-    The temperature difference ΔT over the diameter D gives the curvature κ = α ΔT / D, the hot side outside. Between
-    its two U joints the leg bows; the joints follow freely, so the ladle notices three things only: the leg's chord is
-    shorter by ∫∫ κ² (second order, below a micrometre), the lower end is turned against the chord, and of these turns
-    the one about y at leg 4 counts, because the tilt drive θ46 sits between that end and the platform. How far the
-    platform tilts by it the other legs say: by G of that drive.
+    The temperature difference ΔT over the diameter D gives the curvature κ = α ΔT / D, with the hot side outside. The
+    leg bows between its two U joints, which follow freely. So only three things affect the ladle: the leg's chord is
+    shorter by ∫∫ κ² (second order, below a micrometre), the lower end is rotated against the chord, and of these
+    rotations the one about y at leg 4 counts, because the tilt drive θ46 is between that end and the platform. How far
+    the platform then tilts depends on the other legs and follows from G of that drive.
     """
 
-    bow_m: FloatArray  # largest distance from the chord, ends free to turn: κ l²/8 where κ is even; shape (4,)
-    # turn of the lower end against the chord, rotation vector in the fixed platform, shape (4, 3)
+    bow_m: FloatArray  # largest distance from the chord, ends free to rotate: κ l²/8 for constant κ; shape (4,)
+    # rotation of the lower end against the chord, rotation vector in the fixed platform, shape (4, 3)
     end_rotation_rad: FloatArray
 
     @classmethod
     def of(cls, field: TemperatureField) -> Self:
         """Estimate it from the gradient across the leg elements."""
         weights, depth, lengths = field.between_joints, field.exposure.from_upper_joint_m, field.exposure.lengths_m
-        # The tangent turns towards the cold side.
+        # The tangent rotates towards the cold side.
         turning = -field.properties.steel.expansion.value * field.gradient_K_per_m
         total = np.einsum("le,lek->lk", weights, turning)
         lever = np.einsum("le,lek->lk", weights * depth, turning)
@@ -115,5 +115,5 @@ class LegBending:
 
     @property
     def tilt_drive_offset_rad(self) -> float:
-        """Turn of leg 4's lower end about y: acts as an offset of the tilt drive θ46."""
+        """Rotation of leg 4's lower end about y, which acts as an offset of the tilt drive θ46."""
         return float(self.end_rotation_rad[3, 1])

@@ -1,17 +1,17 @@
-"""How warm the truss above the robot gets, how heat or weight deforms it, and where it takes the fixed platform.
+"""Temperatures of the truss above the robot, its deformation by heat or weight, and the fixed platform's displacement.
 
-Of the trolley's frame and the two girders it stands on, bars and box girders are cut into cells that conduct, give heat
-to the air, radiate, and see the melt as the platforms do, behind the moving platform's bars; of points spread over the
-melt those of fixed platform and trolley hide some. Inside a girder plates radiate to each other: view factors of a long
-duct are those of crossed strings (H. Hottel and A. Sarofim, Radiative Transfer), surfaces two by two grey. It is a
-network of its own, which takes nothing from the robot's: wheels and bolts pass little, and the trolley's low frame is
-about as warm as the fixed platform under it. End carriages, rails and posts are far away and stay cold. A shield under
-the truss is the property ``truss.exposed``.
+The bars of the trolley's frame and the two box girders under it are cut into cells. These conduct, give heat to the
+air, radiate, and see the melt, like the platforms, past the moving platform's bars; bars of fixed platform and trolley
+hide some of the points spread over the melt. Inside a girder plates radiate to each other: view factors in a long duct
+follow from crossed strings (H. Hottel and A. Sarofim, Radiative Transfer), surfaces are grey in pairs. The truss is a
+separate network that draws no heat from the robot's: wheels and bolts conduct little, and the trolley's low frame is
+about as warm as the fixed platform under it. End carriages, rails and posts are far away and remain cold. A shield
+under the truss is described by the property ``truss.exposed``.
 
-A girder that is warmer below than above bows downwards, by the slope of α T over its height, and lies on the two rails
+A girder that is warmer below than above bows downwards, by the slope of α T over its height, and rests on the two rails
 as a beam on two supports (W. Young and R. Budynas, Roark's Formulas for Stress and Strain, 7th ed., table 8.1). The
-trolley stands on its four wheels where the girders then are. Its uprights grow downwards from the axles, and the fixed
-platform goes with their feet. Everything grows from the middle of the truss.
+trolley's four wheels stand on the deformed girders. Its uprights expand downwards from the axles, and the fixed
+platform moves with their feet. Everything expands from the middle of the truss.
 """
 
 from dataclasses import dataclass, replace
@@ -39,19 +39,19 @@ _ALONG = 11
 
 @dataclass(frozen=True, eq=False)
 class TrussTemperatures:
-    """How warm the truss is."""
+    """Temperatures of the truss."""
 
     # by girder (left, right), plate (bottom, webs below and above, top) and cell, shape (2, 6, cells)
     girders_degC: FloatArray
     trolley_degC: FloatArray  # by bar and cell from its lower end, shape (bars, cells)
     girders: BarCells  # cells of the plates in the fixed platform
-    trolley: BarCells  # cells of the bars, there too
+    trolley: BarCells  # cells of the bars, also in the fixed platform
 
 
 class TrussNetwork:
-    """The truss over the melt of a robot's network, which knows its surroundings and what stands in the way.
+    """The truss over the melt of a robot's network, which gives the surroundings and the bars in between.
 
-    Where no temperatures are found it raises ThermalSolutionError.
+    Raises ThermalSolutionError where no temperatures are found.
     """
 
     def __init__(self, robot: ThermalNetwork) -> None:
@@ -69,9 +69,9 @@ class TrussNetwork:
     def temperatures(
         self, pose: Placed, melt_K: float, ambient_K: float, after_s: float | None = None
     ) -> TrussTemperatures:
-        """Return how warm the truss is where the robot is held, the trolley in the middle of its girders.
+        """Return the truss's temperatures while the robot is held at a pose, the trolley in the middle of its girders.
 
-        ``after_s``: time since the melt came to the cold robot; None: until nothing changes.
+        ``after_s``: time since the melt came to the cold robot; None: the steady state.
         """
         found = []
         for cells, inside in ((self._girders, self._inside), (self._trolley, None)):
@@ -101,8 +101,8 @@ class TrussNetwork:
 
 
 def _clear_share(starts_m: FloatArray, ends_m: FloatArray, boxes_m: FloatArray) -> FloatArray:
-    """Return which share of the ways from each start (N, 3) to all ends (K, 3) meets no box but its own, shape (N,)."""
-    # Coordinates first: the largest of three arrays is found much faster than that of many threes.
+    """Return the share of lines from each start (N, 3) to all ends (K, 3) that meet no box but their own; (N,)."""
+    # Coordinates first: the maximum of three arrays is much faster than that of many triples.
     at, to = np.ascontiguousarray(starts_m.T)[..., None], np.ascontiguousarray(ends_m.T)[:, None]
     per_way = 1.0 / (to - at)
     hidden = np.zeros(per_way.shape[1:], dtype=bool)
@@ -115,7 +115,7 @@ def _clear_share(starts_m: FloatArray, ends_m: FloatArray, boxes_m: FloatArray) 
 
 
 def _girder_cells(layout: Layout) -> BarCells:
-    """Return the cells of both girders' plates in the fixed platform, without the faces inside the boxes."""
+    """Return the cells of both girders' plates in the fixed platform, without the inner faces of the boxes."""
     truss = layout.truss
     wall, up = truss.girder_wall.metres, truss.platform_drop.metres
     x, y, z = 0.5 * truss.gauge.metres, 0.5 * truss.girder_width.metres, 0.5 * truss.girder_height.metres
@@ -139,10 +139,10 @@ def _girder_cells(layout: Layout) -> BarCells:
 
 
 def _inside_girders(layout: Layout, emissivity: float) -> scipy.sparse.csc_array:
-    """Return what the plates of each girder radiate to each other, cell by cell along it, in W/K⁴."""
+    """Return the radiation coefficients between the plates of each girder, cell by cell along it, in W/K⁴."""
     truss, wall = layout.truss, layout.truss.girder_wall.metres
     wide, high = truss.girder_width.metres - 2.0 * wall, truss.girder_height.metres - 2.0 * wall
-    # Corners of the strips in the section, in the order of the plates.
+    # Corners of the strips in the cross-section, in the order of the plates.
     corners = np.array([[0.0, 0.0], [wide, 0.0], [0.0, 0.5 * high], [wide, 0.5 * high], [0.0, high], [wide, high]])
     strips = [(0, 1), (0, 2), (1, 3), (2, 4), (3, 5), (4, 5)]
     one = np.zeros((len(strips), len(strips)))
@@ -150,7 +150,7 @@ def _inside_girders(layout: Layout, emissivity: float) -> scipy.sparse.csc_array
         for j, (c, d) in enumerate(strips):
             ends = corners[[a, b]][:, None] - corners[[c, d]]
             lengths = np.linalg.norm(ends, axis=2)
-            # Crossed strings less uncrossed ones; which is which follows from the order of the ends.
+            # Crossed strings minus uncrossed ones; which is which follows from the order of the ends.
             one[i, j] = 0.0 if i == j else 0.5 * abs(lengths[0, 1] + lengths[1, 0] - lengths[0, 0] - lengths[1, 1])
     one *= Stefan_Boltzmann / (2.0 / emissivity - 1.0) * truss.gauge.metres / GIRDER_CELLS
     one = np.diag(one.sum(axis=1)) - one
@@ -160,7 +160,7 @@ def _inside_girders(layout: Layout, emissivity: float) -> scipy.sparse.csc_array
 
 @dataclass(frozen=True, eq=False)
 class TrussMotion:
-    """Where the truss goes. All in the fixed platform of the drawing."""
+    """Displacement of the truss. All values are in the nominal fixed platform."""
 
     points_m: FloatArray  # along the girders' axes, then at the uprights' axles and feet, shape (n, 3)
     moved_m: FloatArray
@@ -168,17 +168,17 @@ class TrussMotion:
     turn_rad: FloatArray  # small rotation vector, shape (3,)
 
     def __add__(self, other: Self) -> Self:
-        """Return both together."""
+        """Return the sum of both displacements."""
         moved = self.moved_m + other.moved_m
         return type(self)(self.points_m, moved, self.shift_m + other.shift_m, self.turn_rad + other.turn_rad)
 
     def carried_m(self, points_m: FloatArray) -> FloatArray:
-        """Return how points that stand in the fixed platform, shape (n, 3), go with it."""
+        """Return the displacements of points in the fixed platform, shape (n, 3), that move with it."""
         return np.asarray(self.shift_m + np.cross(self.turn_rad, points_m))
 
     @classmethod
     def under_weight(cls, layout: Layout, carried_m: float, own_m: float) -> Self:
-        """Return it for girders that sag in their middle by so much under a force there, and under their own weight."""
+        """Return it for girders that sag in their middle by given amounts under a force there and under own weight."""
         points = _points(layout)
         near = 0.5 - np.abs(points[: 2 * _ALONG, 0]) / layout.truss.gauge.metres
         sags = carried_m * (3.0 * near - 4.0 * near**3) + own_m * 3.2 * (near - 2.0 * near**3 + near**4)
@@ -241,13 +241,13 @@ def _bow_and_strain(found: TrussTemperatures, properties: ThermalProperties) -> 
 
 
 def _sagged(at: FloatArray, places: FloatArray, turns: FloatArray, span: float) -> FloatArray:
-    """Return the deflection, upwards positive, of a beam on two supports that is turned by angles at places."""
+    """Return the deflection, upwards positive, of a beam on two supports that is kinked by angles at places."""
     s, x = places + 0.5 * span, np.asarray(at)[:, None] + 0.5 * span
     return np.asarray(-(np.minimum(x, s) * (span - np.maximum(x, s)) / span) @ turns)
 
 
 def _uprights(found: TrussTemperatures, axles: FloatArray) -> Indices:
-    """Return which of the trolley's bars stands at each axle."""
+    """Return the trolley's upright bar at each axle."""
     cells = found.trolley.centres_m.reshape(*found.trolley_degC.shape, 3)
     flat = np.ptp(cells[..., 2], axis=1) == 0.0
     away = np.linalg.norm(cells[:, 0, None, :2] - axles[:, :2], axis=2) + np.where(flat, np.inf, 0.0)[:, None]
@@ -255,7 +255,7 @@ def _uprights(found: TrussTemperatures, axles: FloatArray) -> Indices:
 
 
 def _plane(points: FloatArray, heights: FloatArray) -> tuple[float, FloatArray]:
-    """Return height in the middle and rotation vector of the plane through heights at points, least squares."""
+    """Return height in the middle and rotation vector of the least-squares plane through heights at points."""
     rows = np.column_stack([np.ones(len(points)), points[:, :2]])
     middle, along_x, along_y = np.linalg.lstsq(rows, heights, rcond=None)[0]
     return float(middle), np.array([along_y, -along_x, 0.0])

@@ -1,13 +1,13 @@
-"""The robot as built under the heat of its melt: temperatures where the ladle really is, and the pose that follows.
+"""The robot as built under the heat of its melt: temperatures at the ladle's actual pose, and the resulting pose.
 
-Temperatures depend on the pose and the pose on temperatures. Both are settled by turns: temperatures at a closure, the
-closure at these temperatures, until a turn no longer moves the ladle. Inside one closure the temperatures are held.
-What the last turn still moved is reported.
+Temperatures depend on the pose and the pose on temperatures. Both are computed alternately, temperatures at a closure
+and the closure at these temperatures, until an iteration no longer moves the ladle. Within a closure temperatures are
+constant. The movement in the last iteration is reported.
 
-Along a path all poses are closed at once. To compensate, temperatures are worked out once a pose, where the ladle is
-wanted. To locate, twice: where it is commanded, with poses near each other sharing theirs, then where it is. Those of
-one pose start those of the next. What this leaves out: legs are taken as long as the drawing's at that place,
-millimetres off, which is about a kelvin.
+Along a path all poses are closed at once. To compensate, temperatures are computed once per pose, at the wanted pose.
+To locate, they are computed twice: at the commanded pose, shared between nearby poses, then at the actual pose. Those
+of one pose are the start for the next. The lengths of legs are taken from the drawing at that pose; the actual lengths
+differ by millimetres, which is about a kelvin.
 """
 
 from __future__ import annotations
@@ -49,24 +49,24 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SETTLED_M = 1e-10
-"""A turn of temperatures and closure that moves the platform's origin by less ends the turns."""
+"""The iteration of temperatures and closure ends when it moves the platform's origin by less."""
 MOST_TURNS = 12
-# Over as many metres and radians a leg's growth changes by 10 µm, which puts the ladle by a tenth of a millimetre where
-# it is weak; legs there are warmer or colder by a thirtieth of a kelvin, which moves the lip by less than 10 µm.
+# Over these metres and radians a leg's expansion changes by 10 µm, which moves the ladle by a tenth of a millimetre
+# where it is weak; leg temperatures there differ by a thirtieth of a kelvin, which moves the lip by less than 10 µm.
 _STANDS_IN = 0.005
 
 
 class WarmRobot(PouringRobot):
-    """The robot as built, its parts grown by heat: does what :class:`PouringRobot` does, warm.
+    """The robot as built, its parts expanded by heat: a :class:`PouringRobot` that is warm.
 
-    Heat is applied first and the geometric error in the joint's displaced frame, so that a U-joint centre stands at its
-    grown nominal place plus its offset. The value of a leg's prismatic joint is its length as grown; ``pose`` is that
-    which :meth:`solve` commands.
+    Heat is applied first and the geometric error in the joint's displaced frame, so that a U-joint centre is at its
+    expanded nominal position plus its offset. The value of a leg's prismatic joint is its expanded length; ``pose`` is
+    the one that :meth:`solve` commands.
     """
 
     def __init__(self, robot: PouringRobot, expansion: ThermalExpansion, pose: PlatformPose) -> None:
         expect(expansion, ThermalExpansion, "the growth of the parts is a ThermalExpansion")
-        # Not super().__init__: model, nominal solver and kinematics are the given robot's, and building takes time.
+        # Not super().__init__: model, nominal solver and kinematics are the given robot's; building them takes time.
         self.__dict__.update(vars(robot))
         self.expansion, self.pose = expansion, pose
         mechanism = robot.kinematics.mechanism.with_stiffness(robot.actual_solver.mechanism.loops.stiffness)
@@ -77,28 +77,28 @@ class WarmRobot(PouringRobot):
         self._growth = dict(zip(mechanism.loops.drives, growth.tolist(), strict=True))
 
     def standing(self, drives: FloatArray) -> FloatArray:
-        """As of every robot: offset, then grown with the leg."""
+        """Like that of every robot: command plus offset, then expanded with the leg."""
         return np.asarray(super().standing(drives) * list(self._growth.values()))
 
     def built_as(self, model: RobotModel) -> Self:
-        """As of every robot, as warm."""
+        """Like that of every robot, with the same thermal expansion."""
         return type(self)(super().built_as(model), self.expansion, self.pose)
 
     def transfer(
         self, command: Command, parameters: str | Sequence[str | LocalParameter] = "geometry", frame: str | None = None
     ) -> xr.DataArray:
-        """As of every robot; the error of a drive grows with its leg."""
+        """Like that of every robot; the error of a drive expands with its leg."""
         found = super().transfer(command, parameters, frame)
         growth = {drive.name: self._growth[drive.joint] for drive in drive_parameters(self.actual_solver.mechanism)}
         return found.copy(data=found.values * [growth.get(name, 1.0) for name in found.parameter.values.tolist()])
 
     def solve(self) -> ClosureResult:
-        """Close the robot at the drive values that a controller commands for its pose; raises as all for commands."""
+        """Close the robot at the drive values that a controller commands for its pose; raises like other commands."""
         return self.actual_of(self.pose)
 
 
 def drawing_of(robot: PouringRobot) -> PouringRobot:
-    """Return the robot of the drawing of the same layout: no geometric errors, drive offsets or effects, no loads."""
+    """Return the nominal robot of the same layout: no geometric errors, drive offsets, effects or loads."""
     nothing: dict[str, object] = {"heat": None, "effects": []}
     nothing |= {name: {} for name in ("joint_placements", "drive_offsets", "learned")}
     bare = robot.model.model_copy(update=nothing)
@@ -106,33 +106,33 @@ def drawing_of(robot: PouringRobot) -> PouringRobot:
 
 
 Close = Callable[[WarmRobot], Sequence[ClosureResult]]
-"""Closes a warm robot: first with the drive values of the last turn, at last with those it then chooses."""
+"""Closes a warm robot: first with the drive values of the last iteration, finally with those it then chooses."""
 
 
 @dataclass(frozen=True, eq=False)
 class WarmState:
-    """Temperatures and robot that belong together."""
+    """Consistent temperatures and robot."""
 
     field: TemperatureField | None  # the temperatures; None for a cold robot
-    robot: WarmRobot  # as built and as warm as that
+    robot: WarmRobot  # as built, at these temperatures
     result: ClosureResult  # its closure
-    turns: int  # how often temperatures were taken anew
-    unsettled_m: float  # by how much the last taking of temperatures moved the moving platform's origin, drives held
+    turns: int  # number of iterations, each with new temperatures
+    unsettled_m: float  # how far the last temperatures moved the moving platform's origin, at constant drive values
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.location.headline}>"
 
     @functools.cached_property
     def location(self) -> LadleLocation:
-        """Where the ladle should be and where it is, warm, for the robot's pose as command."""
+        """Where the ladle should be and where the warm ladle is, with the robot's pose as command."""
         return self.robot.locate(self.robot.pose)
 
 
 @dataclass(frozen=True)
 class PoseShares:
-    """What geometry and heat do to a frame, alone and together; differences to the nominal pose in the fixed platform.
+    """Errors of a frame by geometry and by heat, alone and together: from the nominal pose, in the fixed platform.
 
-    Geometry: errors, drive offsets and loads; heat alone acts on the drawing; together is the actual pose.
+    Geometry means errors, drive offsets and loads; heat alone acts on the drawing; together is the actual pose.
     """
 
     geometry: PoseDifference
@@ -141,7 +141,7 @@ class PoseShares:
 
     @property
     def remainder(self) -> PoseDifference:
-        """What the shares leave of the whole: together - geometry - heat; of turns it is of second order."""
+        """Difference from the sum: together - geometry - heat; for rotations it is of second order."""
         whole, geometry, heat = self.together, self.geometry, self.heat
         left = whole.translation_m - geometry.translation_m - heat.translation_m
         return PoseDifference(left, whole.rotation_rad - geometry.rotation_rad - heat.rotation_rad)
@@ -150,11 +150,10 @@ class PoseShares:
 class HeatedRobot:
     """A robot as built, warmed by its melt.
 
-    ``heat``: how warm it is; None: not at all. ``network``: by default made when it is needed, from the robot and the
-    properties of ``heat``; where these do not fit the layout, or it is another robot than the pouring robot,
-    BadInputError is raised. Its methods raise ThermalSolutionError where no temperatures are found,
-    UnreachablePoseError or ClosureError where the robot, warm or cold, cannot take a command, UnknownFrameError for a
-    frame it has not.
+    ``heat``: how warm it is; None: cold. ``network``: by default made when needed, from the robot and the properties in
+    ``heat``; BadInputError is raised where these do not fit the layout, or for another robot than the pouring robot.
+    Its methods raise ThermalSolutionError where no temperatures are found, UnreachablePoseError or ClosureError where
+    the robot, warm or cold, cannot follow a command, UnknownFrameError for a frame that it does not have.
     """
 
     def __init__(
@@ -175,23 +174,23 @@ class HeatedRobot:
         return f"<{type(self).__name__}: {' '.join(*self.robot.model.named.items())}, {self.heat or 'cold'}>"
 
     def built_as(self, robot: PouringRobot) -> Self:
-        """Return another robot of the same drawing in the same heat; the network is shared."""
+        """Return another robot of the same drawing under the same heat; the network is shared."""
         return self if robot is self.robot else type(self)(robot, self.heat, self.network)
 
     @functools.cached_property
     def network(self) -> ThermalNetwork:
-        """The robot's thermal network, of materials and surfaces with those of the model file in place."""
+        """The robot's thermal network, with the properties of the model file."""
         return self._given_network or ThermalNetwork(self.robot, (self.heat or HeatSection()).thermal_properties())
 
     @property
     def temperatures_degC(self) -> tuple[float, float]:
-        """Melt and surroundings."""
+        """Temperatures of melt and surroundings."""
         heat = self.heat or HeatSection()
         melt, ambient = self.network.temperatures_K(heat.melt_degC, heat.ambient_degC)
         return melt - ZERO_CELSIUS_K, ambient - ZERO_CELSIUS_K
 
     def told(self, computed: str = "") -> str:
-        """Return in words how warm it is, and what is ``computed`` of parts, if anything."""
+        """Return a description of the heat, with the temperatures ``computed`` of parts, if any."""
         if self.heat is None:
             return "none, the robot is at the temperature of the drawing"
         melt, ambient = self.temperatures_degC
@@ -207,13 +206,13 @@ class HeatedRobot:
 
     @property
     def after_s(self) -> float | None:
-        """How long the melt has been there; None: until nothing changes any more."""
+        """How long the melt has been there; None: the steady state."""
         return 60.0 * self.heat.after_min if self.heat and self.heat.after_min else None
 
     def field(
         self, pose: Placed, near: TemperatureField | None = None, solver: Mapping[str, Any] = SOLVER
     ) -> TemperatureField | None:
-        """Return the temperatures at a pose that is held, or None for a cold robot; ``near`` as the network's."""
+        """Return the temperatures at a held pose, or None for a cold robot; ``near``: as for the network."""
         if self.heat is None:
             return None
         if self.after_s is None:
@@ -222,23 +221,23 @@ class HeatedRobot:
         return simulate(self.network, history, pose, solver=solver)[-1]
 
     def truss(self, state: WarmState) -> TrussTemperatures | None:
-        """Return how warm the truss is over the robot in a state; None for a cold robot."""
+        """Return the temperatures of the truss over the robot in a state; None for a cold robot."""
         if state.field is None:
             return None
         network = TrussNetwork(self.network)
         return network.temperatures(state.result, state.field.melt_K, state.field.ambient_K, self.after_s)
 
     def expansion(self, field: TemperatureField | None) -> ThermalExpansion:
-        """Return how much the parts have grown; measured temperatures take the place of computed ones."""
+        """Return the thermal expansion of the parts; measured temperatures replace computed ones."""
         if field is None or self.heat is None:
             return ThermalExpansion()
         return ThermalExpansion.from_field(field, self.heat.measured_degC)
 
     def settle(self, pose: PlatformPose, close: Close) -> WarmState:
-        """Take temperatures and closure by turns until a turn no longer moves the ladle; first near a pose.
+        """Compute temperatures and closure alternately, starting at a pose, until the ladle no longer moves.
 
         Raises:
-            NoSolutionError: what ``close`` raises, or no temperatures are found.
+            NoSolutionError: ``close`` raises it, or no temperatures are found.
         """
         place: Placed = pose
         field = None
@@ -257,12 +256,12 @@ class HeatedRobot:
         return state
 
     def locate(self, pose: PlatformPose) -> WarmState:
-        """Return the warm robot at a commanded pose; its ``location`` is where the ladle is."""
+        """Return the warm robot at a commanded pose; its ``location`` is that of the ladle."""
         drives = self.robot.kinematics.inverse(pose)
         return self.settle(pose, lambda warm: [warm.forward(drives, near=pose)])
 
     def shares(self, state: WarmState, frames: str | Sequence[str]) -> dict[str, PoseShares]:
-        """Return what geometry and heat do, alone and together, to frames; heat alone as warm as the whole."""
+        """Return errors of frames by geometry and heat, alone and together; heat alone has the same temperatures."""
         pose, base = state.robot.pose, state.location.loops.base_frame
         cold = self.robot.locate(pose)
         warm = WarmRobot(drawing_of(self.robot), state.robot.expansion, pose).solve()
@@ -277,11 +276,11 @@ class HeatedRobot:
 
 
 def strains_along(heated: HeatedRobot, poses: FloatArray, threads: int = 2, show: Progress = say_nothing) -> FloatArray:
-    """Return how much the parts have grown at poses that are held, (n, 6): legs, moving and fixed platform."""
+    """Return the thermal strains of the parts at held poses, (n, 6): legs, moving and fixed platform."""
     strain, threads = np.zeros((len(poses), 6)), whole(threads, 1, "threads are a number of them, from 1 on")
     if heated.heat is None or not len(poses):
         return strain
-    done, heated = [0], HeatedRobot(heated.robot, heated.heat, heated.network)  # made before threads ask
+    done, heated = [0], HeatedRobot(heated.robot, heated.heat, heated.network)  # network made before threads need it
 
     def take(rows: Indices) -> None:
         field = None
@@ -299,9 +298,9 @@ def strains_along(heated: HeatedRobot, poses: FloatArray, threads: int = 2, show
 
 
 class WarmPath:
-    """Closes the robot as built, without loads, its parts grown pose by pose.
+    """Closes the robot as built, without loads, with thermal expansion pose by pose.
 
-    Poses, commanded or wanted, are (n, 4), in m and rad; ``strain`` is their growth as :func:`strains_along` gives it.
+    Poses, commanded or wanted, are (n, 4), in m and rad; ``strain`` is as :func:`strains_along` returns it.
     """
 
     def __init__(self, heated: HeatedRobot, poses: FloatArray, strain: FloatArray) -> None:
@@ -312,7 +311,7 @@ class WarmPath:
         self.command = robot.kinematics.commands(poses)
 
     def _displaced(self, heated: HeatedRobot) -> FloatArray:
-        """Return what heat displaces of the joints as built, (n, sites * 6): H E = E (E⁻¹ H E), H a shift."""
+        """Return displacements by heat of the joints as built, (n, sites * 6): H E = E (E⁻¹ H E), H a translation."""
         structure, built = self.engine.structure, heated.robot.model.displacements()
         errors = np.zeros((len(self.strain), structure.site_count, 6))
         for k, part in ((4, ThermalExpansion(platform_strain=1.0)), (5, ThermalExpansion(fixed_platform_strain=1.0))):
@@ -324,11 +323,11 @@ class WarmPath:
         return errors.reshape(len(errors), structure.site_count * 6)
 
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
-        """Return the closed robot for commanded drives (n, 4), in m and rad: offset, then grown with the leg."""
+        """Return the closed robot for commanded drives (n, 4), in m and rad: offset, then expanded with the leg."""
         return self.engine.close(self.robot.standing(drives) * self.growth, start, self.errors)
 
     def drives_to_end(self, closed: BatchClosure) -> FloatArray:
-        """Return how the end frame follows commanded drives, (n, 6, 4): its origin (m), its rotation vector (rad)."""
+        """Return the end frame's Jacobian for commanded drives, (n, 6, 4): of origin (m) and rotation vector (rad)."""
         drives = drive_parameters(self.engine.structure.mechanism)
         return np.asarray(self.engine.transfer(closed, drives, self.errors).matrix * self.growth[:, None, :])
 
@@ -336,14 +335,14 @@ class WarmPath:
 def locate_path(
     heated: HeatedRobot, poses: ArrayLike, threads: int = 2, show: Progress = say_nothing
 ) -> tuple[xr.Dataset, BatchClosure]:
-    """Return where the ladle should be and where it is, warm, for many commanded poses, and the closures as built.
+    """Return where the ladle should be and where the warm ladle is for many commanded poses, and closures as built.
 
-    Poses are x, y, z in m and the tilt in rad, shape (n, 4), best along a path; the dataset is as
-    :meth:`PouringRobot.locate` gives for many. ``threads`` share the temperatures. Poses of another shape, and a robot
+    Poses are x, y, z in m and the tilt in rad, shape (n, 4), best along a path; the dataset is like that of
+    :meth:`PouringRobot.locate`. ``threads`` share the computation of temperatures. Poses of another shape, and a robot
     that carries loads, raise BadInputError.
     """
     commanded = place = as_poses(poses)
-    if heated.heat is not None and len(commanded):  # millimetres beside the command shadows fall otherwise
+    if heated.heat is not None and len(commanded):  # shadows differ a few mm off the command
         rows, row_of = np.unique(_stand_ins(commanded), return_inverse=True)
         warm = WarmPath(heated, commanded, strains_along(heated, commanded[rows], threads, show)[row_of])
         closed = warm.close(warm.command.drives, warm.command.start)
@@ -355,7 +354,7 @@ def locate_path(
 
 
 def _stand_ins(poses: FloatArray) -> Indices:
-    """Return for each pose the one before it whose growth says well enough where it stands, or itself, (n,)."""
+    """Return for each pose an earlier one whose expansion is near enough to locate it, or itself, (n,)."""
     chosen, last = np.arange(len(poses)), 0
     for row in range(1, len(poses)):
         if np.abs(poses[row] - poses[last]).max() < _STANDS_IN:
