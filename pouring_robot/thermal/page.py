@@ -1,4 +1,4 @@
-"""Temperatures and what they move in tables, lines and pictures, for the terminal and for a page."""
+"""Temperatures and the resulting displacements as tables, lines and pictures, for the terminal and for a page."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,16 +18,16 @@ _AXES = (STEEL, MOSS, BRICK)
 
 
 def html_report(found: PoseHeat | ShiftHeat, drawn: PoseHeat | ShiftHeat, title: str, told: Sequence[Block]) -> str:
-    """Return what is found and ``told``, drawn at more times, as one page without outside files.
+    """Return the results and ``told`` as one page without external files; ``drawn``: the results to plot.
 
-    ``title``: how it was computed.
+    ``title``: how they were computed.
     """
     plot = Plot("Temperatures, and what they move", svg_of(picture(drawn, "")))
     return html_page("Heat", [Paragraph(found.headline, "headline"), Paragraph(title), plot, *told])
 
 
 def blocks(found: PoseHeat | ShiftHeat) -> list[Block]:
-    """Return temperatures and growth of the parts, what heat moves, the balance and bending; or a row a time."""
+    """Return temperatures and growth of parts, displacements by heat, heat balance and bending; or a row per time."""
     return _pose(found) if isinstance(found, PoseHeat) else _shift(found)
 
 
@@ -101,7 +101,7 @@ def draw_legs(panel: Axes, field: TemperatureField) -> None:
 
 
 def draw_moves(panel: Axes, heat: PoseHeat) -> None:
-    """Draw by how much heat moves each frame, axis by axis."""
+    """Draw how far heat moves each frame, axis by axis."""
     for a, axis in enumerate("xyz"):
         values = [difference.translation_m[a] / MM for difference in heat.moved.values()]
         places = np.arange(len(values)) + 0.25 * (a - 1)
@@ -117,12 +117,12 @@ def draw_moves(panel: Axes, heat: PoseHeat) -> None:
 
 @own_look()
 def picture(heat: PoseHeat | ShiftHeat, title: str) -> Any:
-    """Draw a pose or a shift under heat, as a figure of matplotlib."""
+    """Draw a pose or a shift under heat, as a matplotlib figure."""
     return pose_picture(heat, title) if isinstance(heat, PoseHeat) else shift_picture(heat, title)
 
 
 def pose_picture(heat: PoseHeat, title: str) -> Any:
-    """Draw temperatures along the legs beside the deformation."""
+    """Draw temperatures along the legs next to the deformation."""
     figure = new_figure(10.0, 4.2)
     left, right = figure.subplots(1, 2)
     draw_legs(left, heat.field)

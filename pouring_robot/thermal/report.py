@@ -1,7 +1,7 @@
-"""What a melt does to a robot: temperatures and deformation at a pose, and over a shift, as results with tables.
+"""Effects of the melt on a robot: temperatures and deformation at a pose, and over a shift, as results with tables.
 
-Deformation is that of the drawing: heat alone, no geometric errors. Where the warm drawing cannot take a pose, or no
-temperatures are found, that raises NoSolutionError.
+Deformation is that of the nominal robot: heat alone, no geometric errors. NoSolutionError is raised where the warm
+nominal robot cannot reach a pose, or no temperatures are found.
 """
 
 from dataclasses import dataclass, replace
@@ -35,13 +35,13 @@ def part_figures(
 ) -> dict[str, dict[str, float | None]]:
     """Return the temperatures and the growth of every part, by name.
 
-    Means are along the way from joint to joint, or by volume; ``across_K`` is the largest difference from one side of a
-    leg to the other. Growth is a leg's from joint to joint, or that of a platform's greatest half-width between U-joint
-    centres. None stands where a part has no such figure.
+    Means are along the path from joint to joint, or by volume; ``across_K`` is the largest difference between opposite
+    sides of a leg. Growth is that of a leg from joint to joint, or of a platform's largest half-width between U-joint
+    centres. Figures that a part does not have are None.
     """
     hottest = np.max(field.leg_elements_degC, axis=1, where=field.between_joints > 0.0, initial=-np.inf)
     strain = np.array(expansion.leg_strain)
-    growth = strain * field.exposure.lengths_m / (1.0 + strain) / MM  # its length there has grown already
+    growth = strain * field.exposure.lengths_m / (1.0 + strain) / MM  # this length is the expanded one
     legs = zip(*(v.tolist() for v in (field.leg_degC, hottest, field.leg_difference_K, growth)), strict=True)
     found: dict[str, tuple[float | None, ...]] = dict(zip(LEGS, legs, strict=True))
     growth = expansion.platform_strain * np.abs(robot.kinematics.moving_centres_m).max() / MM
@@ -62,15 +62,15 @@ class PoseHeat(Result):
 
     pose: PlatformPose  # the commanded pose
     field: TemperatureField
-    parts: dict[str, dict[str, float | None]]  # as :func:`part_figures` has them
-    moved: dict[str, PoseDifference]  # by how much heat alone moves each reported frame; the last is the lip
+    parts: dict[str, dict[str, float | None]]  # as :func:`part_figures` returns them
+    moved: dict[str, PoseDifference]  # displacement of each reported frame by heat alone; the last is the lip
     bending: LegBending  # of the legs
-    bent: FloatArray  # by how much bending would move the lip, by G, shape (6,): x, y, z (m), rotation vector (rad)
-    accuracy_m: float  # required of the robot
+    bent: FloatArray  # displacement of the lip by bending, from G, shape (6,): x, y, z (m), rotation vector (rad)
+    accuracy_m: float  # required accuracy of the robot
 
     @classmethod
     def of(cls, heated: HeatedRobot, pose: PlatformPose) -> Self:
-        """Find it for the drawing, with its heat, at a commanded pose."""
+        """Compute it for the nominal robot, with its heat, at a commanded pose."""
         state = heated.locate(pose)
         field, robot, location = state.field, heated.robot, state.location
         if field is None:
@@ -86,7 +86,7 @@ class PoseHeat(Result):
 
     @property
     def headline(self) -> str:
-        """How warm the legs are and how far that moves the lip, on one line."""
+        """Temperatures of the legs and displacement of the lip by heat, on one line."""
         legs = ", ".join(f"{value:.0f}" for value in self.field.leg_degC)
         frame, lip = list(self.moved.items())[-1]
         moved = f"heat alone moves '{frame}' by {lip.distance_m / MM:.3f} mm relative to the fixed platform"
@@ -94,7 +94,7 @@ class PoseHeat(Result):
 
     @property
     def bending_tilt_rad(self) -> float:
-        """By how much bending of leg 4 would turn the ladle about y."""
+        """How far bending of leg 4 would rotate the ladle about y."""
         return float(self.bent[4])
 
     @property
@@ -108,13 +108,13 @@ class PoseHeat(Result):
         return self.bending_lip_m > 0.1 * self.accuracy_m
 
     def _table(self) -> Any:
-        """One row a part."""
+        """One row per part."""
         return [{"part": part, **figures} for part, figures in self.parts.items()]
 
     def save(self, path: Path | str, *, overwrite: bool = False) -> Path:
-        """Write every element of legs and platforms as CSV: where it is (empty in platforms) and how warm.
+        """Write every element of legs and platforms as CSV: its position (empty for platforms) and temperature.
 
-        Raises OutputError where that is impossible, or the file is there already and ``overwrite`` is not set.
+        Raises OutputError where that is impossible, or the file exists already and ``overwrite`` is not set.
         """
         field = self.field
         rods = ["moving_rod"] * field.bodies.grid.moving + ["fixed_rod"] * field.bodies.grid.fixed
@@ -153,14 +153,14 @@ class PoseHeat(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ShiftHeat(Result):
-    """Temperatures and deformation over time; k entries, one a time."""
+    """Temperatures and deformation over time; k entries, one per time."""
 
     times_s: FloatArray  # shape (k,)
     history: HeatHistory
     fields: list[TemperatureField]
     poses: list[PlatformPose]  # held then
-    moved: dict[str, list[PoseDifference]]  # by how much heat alone moves end frame and lip, at the pose held, by frame
-    # where the joints of the cold and of the warm drawing stand in the world, (k, 2, joints, 4, 4), in m
+    moved: dict[str, list[PoseDifference]]  # displacements of end frame and lip by heat alone, at the held pose
+    # poses in the world of the joints of the cold and of the warm nominal robot, (k, 2, joints, 4, 4), in m
     bodies: FloatArray
 
     @classmethod
@@ -172,9 +172,9 @@ class ShiftHeat(Result):
         schedule: PoseSchedule,
         times_s: FloatArray,
     ) -> Self:
-        """Follow a history of the drawing, which begins as warm as the surroundings; report at times.
+        """Simulate a history of the nominal robot, initially at the temperature of the surroundings; report at times.
 
-        Measured temperatures are of one moment, so those of a heat section take no part. Times and poses outside the
+        Measured temperatures in a heat section hold for one moment, so they are not used. Times and poses outside the
         history raise HistoryError.
         """
         found = simulate(network, history, schedule, times_s=times_s)
@@ -193,7 +193,7 @@ class ShiftHeat(Result):
         return cls(times_s, history, list(found), held, moved, np.array(bodies))
 
     def only(self, times_s: FloatArray) -> Self:
-        """Return the same at some of its times."""
+        """Return the same for some of its times."""
         kept = np.flatnonzero(np.isin(self.times_s, times_s))
         fields, poses = [self.fields[k] for k in kept], [self.poses[k] for k in kept]
         moved = {frame: [values[k] for k in kept] for frame, values in self.moved.items()}
@@ -202,7 +202,7 @@ class ShiftHeat(Result):
 
     @property
     def headline(self) -> str:
-        """How warm the legs get and how far that moves the lip at most, on one line."""
+        """Highest temperature of the legs and largest displacement of the lip by heat, on one line."""
         frame, lip = list(self.moved.items())[-1]
         hottest = max(float(field.leg_degC.max()) for field in self.fields)
         farthest = max(difference.distance_m for difference in lip) / MM
@@ -210,7 +210,7 @@ class ShiftHeat(Result):
         return f"{hours:.3g} h: legs up to {hottest:.0f} degC; heat alone moves '{frame}' by up to {farthest:.3f} mm"
 
     def _table(self) -> Any:
-        """One row a time, with units in the names."""
+        """One row per time, with units in the names."""
         (end, at_end), (lip, at_lip) = self.moved.items()
         history, fields = self.history, self.fields
         poses = np.array([pose.to_mm_deg() for pose in self.poses])
@@ -234,9 +234,9 @@ class ShiftHeat(Result):
         return columns
 
     def save(self, path: Path | str, *, overwrite: bool = False) -> Path:
-        """Write one row a time as CSV.
+        """Write one row per time as CSV.
 
-        Raises OutputError where that is impossible, or the file is there already and ``overwrite`` is not set.
+        Raises OutputError where that is impossible, or the file exists already and ``overwrite`` is not set.
         """
         table = self.to_frame().to_csv(index=False, float_format="%.9g", lineterminator="\n")
         return write_whole(path, table, overwrite=overwrite)
@@ -247,6 +247,6 @@ class ShiftHeat(Result):
 
 
 def heated_drawing(robot: PouringRobot, heat: HeatSection, *, radiation: bool = True) -> HeatedRobot:
-    """Return the drawing of a robot with heat, with or without radiation."""
+    """Return the nominal robot of a robot with heat, with or without radiation."""
     drawing = drawing_of(robot)
     return HeatedRobot(drawing, heat, ThermalNetwork(drawing, heat.thermal_properties(), radiation=radiation))

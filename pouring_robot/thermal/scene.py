@@ -1,6 +1,6 @@
-"""The robot in colours: how far each of its parts moves (the paper's Fig. 8), or how warm it is over a shift.
+"""The robot in colours: displacement of each part (the paper's Fig. 8), or temperatures over a shift.
 
-And its bench: its melt warms it.
+Also the bench of the pouring robot, with sliders for the melt.
 """
 
 import dataclasses
@@ -37,9 +37,9 @@ _LONGEST_MIN, _COOLEST, _HOTTEST = 240.0, 1200.0, 1750.0
 
 
 def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str, configuration: FloatArray) -> Scene:
-    """Return the drawing at a configuration (nq,), each visual coloured as its part's point nearest to its middle.
+    """Return the nominal robot at a configuration (nq,); each visual has the colour of the nearest point of its part.
 
-    What belongs to no part of the field, such as the rails, is grey.
+    Visuals that belong to no part of the field, such as the rails, are grey.
     """
     mechanism = robot.nominal_solver.mechanism
     places = bodies_at(mechanism.shared_model, [configuration])
@@ -63,7 +63,7 @@ def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str
 
 
 def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
-    """Return a shift of the drawing as it goes: parts in the colours of their temperatures, the ladle moved by heat."""
+    """Return a shift of the nominal robot over time: parts coloured by temperature, the ladle moved by heat."""
     mechanism, cold, warm = robot.nominal_solver.mechanism, shift.bodies[:, 0], shift.bodies[:, 1]
     drawn = drawn_robot(mechanism, warm, "robot", "coloured by temperature", reference=cold)
     values = _temperatures(drawn, mechanism.shared_model, shift.fields)
@@ -98,13 +98,13 @@ def shift_scene(robot: PouringRobot, shift: ShiftHeat, title: str) -> Scene:
 
 
 def _coloured(drawn: SceneRobot, scale: ColourScale, values: FloatArray) -> SceneRobot:
-    """Return the robot with visuals in the colours of values (k, visuals); grey where there is none, as no value is."""
+    """Return the robot with visuals in the colours of values (k, visuals); grey, a colour of no value, where NaN."""
     colours = np.where(np.isfinite(values)[..., None], scale.colours(np.nan_to_num(values)), STEEL)
     return dataclasses.replace(drawn, colours=colours)
 
 
 def _temperatures(drawn: SceneRobot, model: pin.Model, fields: list[TemperatureField]) -> FloatArray:
-    """Return the temperature of every visual's part, rods at the element nearest to its middle, (k, visuals), in °C."""
+    """Return the temperature of each visual's part, (k, visuals), in °C; rods: of the element nearest to its middle."""
     values, middles = np.full((len(fields), drawn.visual.ngeoms), np.nan), _middles(drawn)
     of_part = {
         "platform": [field.platform_degC for field in fields],
@@ -128,7 +128,7 @@ def _temperatures(drawn: SceneRobot, model: pin.Model, fields: list[TemperatureF
 
 
 def _part(link: str) -> str:
-    """Return which part of the field a link belongs to."""
+    """Return the part of the field to which a link belongs."""
     leg = link.partition("_")[0]
     if leg in LEGS:
         return leg
@@ -148,10 +148,10 @@ def _middles(drawn: SceneRobot) -> FloatArray:
 
 
 class PouringBench(RobotBench):
-    """Adds the temperature of the melt and the time since it came, at zero cold.
+    """Adds sliders for the temperature of the melt and the time since it came; at time zero the robot is cold.
 
-    While a slider moves temperatures are taken once, where the ladle should be, and to a kelvin; when it is let go of,
-    by turns with the closure until both are settled.
+    While a slider moves, temperatures are computed once, at the ladle's nominal pose, to a kelvin; when it is released,
+    temperatures and closure are iterated until both converge.
     """
 
     robot: PouringRobot
@@ -176,7 +176,7 @@ class PouringBench(RobotBench):
         return found
 
     def located(self, robot: Robot, wish: PageRequest) -> Location:
-        """Return where the robot stands, as warm as the page wants it."""
+        """Return the robot's location under the heat of a page's request."""
         after = wish.values.get(_AFTER, 0.0)
         if after <= 0.0 or not isinstance(robot, PouringRobot):
             return super().located(robot, wish)

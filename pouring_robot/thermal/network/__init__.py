@@ -1,1 +1,1 @@
-"""Temperatures: elements and what they see of the melt, a network of conduction and radiation, steady or over time."""
+"""Temperatures: elements and their view of the melt, a network of conduction and radiation, steady or transient."""

@@ -1,9 +1,9 @@
 """The thermal network of the robot: one melt, four legs, two platforms, one ladle.
 
-The melt's surface, a disc that tilts with the ladle, radiates into the half-space above it. What reaches legs and
-platforms depends on pose and tilt; the moving platform's bars stand in the way, nothing else does. Heat conducts along
-rods and bars, through U joints, and from the melt through lining and shell into the platform; every surface gives heat
-to the surroundings by convection and re-radiation.
+The melt's surface, a disc that tilts with the ladle, radiates into the half-space above it. The radiation that reaches
+legs and platforms depends on pose and tilt; only the moving platform's bars obstruct it. Heat is conducted along rods
+and bars, through U joints, and from the melt through lining and shell into the platform. Every surface gives heat to
+the surroundings by convection and re-radiation.
 """
 
 import functools
@@ -38,14 +38,14 @@ class ThermalNetwork:
 
     Geometry comes from the robot, by default the drawing of the default layout: U-joint centres from its nominal
     mechanism, bars from its URDF, sizes from its layout; the properties are by default those of the shipped
-    ``thermal.yaml``. The moving rod is cut into ``elements_per_leg`` over its full length, the fixed rod to match, each
-    bar of the platforms by default into a fifth of that. Without radiation there are conduction and convection only.
-    Temperatures that are none of a melt, or of surroundings, raise TemperatureError, a part that is connected to
-    nothing ThermalSolutionError.
+    ``thermal.yaml``. The moving rod is cut into ``elements_per_leg`` over its full length, the fixed rod to match, and
+    each bar of the platforms by default into a fifth of that. Without radiation only conduction and convection remain.
+    Impossible temperatures of melt or surroundings raise TemperatureError, a part that is connected to nothing
+    ThermalSolutionError.
 
     Raises:
-        BadInputError: no whole number of elements, four or more of a leg, or the ladle's shell leaves no lining.
-        DescriptionError: the robot's description is broken, or its platforms are not frames of boxes.
+        BadInputError: a number of elements is not whole, or below four for a leg, or the shell leaves no lining.
+        DescriptionError: the robot's description is wrong, or its platforms are not frames of boxes.
     """
 
     def __init__(
@@ -77,10 +77,10 @@ class ThermalNetwork:
         ambient_degC: float | None = None,
         near: TemperatureField | None = None,
     ) -> TemperatureField:
-        """Return the temperatures that a pose settles to when it is held.
+        """Return the steady-state temperatures at a held pose.
 
         ``pose``: of the nominal robot, or a closure of any robot of this layout; melt and surroundings are by default
-        those of the properties; ``near``: temperatures of a pose nearby, to start from.
+        those of the properties; ``near``: temperatures at a nearby pose, to start from.
         """
         melt_K, ambient_K = self.temperatures_K(melt_degC, ambient_degC)
         start = None if near is None else near.temperatures_K
@@ -88,7 +88,7 @@ class ThermalNetwork:
         return self.field(pose, found, melt_K, ambient_K)
 
     def temperatures_K(self, melt_degC: float | None, ambient_degC: float | None) -> tuple[float, float]:
-        """Return melt and ambient temperature in K; None stands for that of the properties."""
+        """Return melt and ambient temperature in K; None means that of the properties."""
         melt, ambient = self.properties.melt.temperature.value, self.properties.ambient.temperature.value
         return (
             kelvin(melt if melt_degC is None else melt_degC, "melt"),
@@ -96,18 +96,18 @@ class ThermalNetwork:
         )
 
     def circuit(self, pose: Placed) -> Circuit:
-        """Return the network at a pose as numbers."""
+        """Return the coefficients of the network at a pose."""
         return self._at(pose)[0]
 
     def field(self, pose: Placed, temperatures_K: FloatArray, melt_K: float, ambient_K: float) -> TemperatureField:
-        """Return temperatures of all nodes, shape (n,), in K, as a field at a pose."""
+        """Return the temperature field at a pose from temperatures of all nodes, shape (n,), in K."""
         return TemperatureField(temperatures_K, melt_K, ambient_K, self.bodies, *self._at(pose))
 
     def _at(self, pose: Placed) -> tuple[Circuit, LegExposure, FloatArray]:
         return _built(self, tuple(np.concatenate([part.ravel() for part in self._placements(pose)]).tolist()))
 
     def _placements(self, pose: Placed) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return U-joint centres above and below, (4, 3) each, and the moving platform, all in the fixed platform."""
+        """Return upper and lower U-joint centres, (4, 3) each, and the moving platform, all in the fixed platform."""
         kinematics = self.robot.kinematics
         if isinstance(pose, ClosureResult):
             platform = pose.pose("fixed_platform", "moving_platform")
@@ -143,7 +143,7 @@ class ThermalNetwork:
         return Circuit(matrix, melt_contact, film, to_melt, to_ambient, self._capacity), exposure, rotation
 
     def view_area_m2(self, cells: BarCells, pose: Placed) -> FloatArray:
-        """Return area times view factor to the melt of cells that stand in the fixed platform, shape (N,)."""
+        """Return area times view factor to the melt of cells given in the fixed platform's frame, shape (N,)."""
         _, _, rotation, position = self._placements(pose)
         return self._view_area(cells, rotation, position + rotation @ self.bodies.ladle.melt_centre_m)
 
@@ -162,7 +162,7 @@ class ThermalNetwork:
         return np.asarray(np.sum(cells.face_area_m2 * factors, axis=1))
 
 
-@functools.lru_cache(_KEPT_POSES)  # of all networks and threads
+@functools.lru_cache(_KEPT_POSES)  # shared by all networks and threads
 def _built(network: ThermalNetwork, placements: tuple[float, ...]) -> tuple[Circuit, LegExposure, FloatArray]:
     return network._build(placements)
 
@@ -177,15 +177,15 @@ def simulate(
     times_s: FloatArray | None = None,
     solver: Mapping[str, Any] = SOLVER,
 ) -> tuple[TemperatureField, ...]:
-    """Follow the temperatures of a robot's network through a history; return them at times, each at the pose then held.
+    """Integrate the temperatures of a robot's network over a history; return them at times, each at the pose then held.
 
-    ``poses``: one pose held throughout, or entries of time and pose; ``start``: temperatures at the start, by default
-    all is as warm as the surroundings; ``times_s``: increasing, within the history, by default its entries. Integration
-    restarts where the pose or the slope of a temperature changes; between these points everything is smooth.
+    ``poses``: one pose held throughout, or entries of time and pose; ``start``: initial temperatures, by default those
+    of the surroundings; ``times_s``: increasing, within the history, by default its entries. Integration restarts where
+    the pose or the slope of a temperature changes; between these points everything is smooth.
 
     Raises:
-        HistoryError: a time to report lies outside the history or out of order, or a pose comes after its end.
-        ThermalSolutionError: the integrator gives up.
+        HistoryError: a time to report is outside the history or out of order, or a pose comes after its end.
+        ThermalSolutionError: the integrator fails.
     """
     schedule = PoseSchedule.of(poses, history.start_s)
     for row, (time, _) in enumerate(schedule.entries, start=1):
@@ -205,7 +205,7 @@ def simulate(
     for begin, end in itertools.pairwise(edges):
         if not np.any(wanted >= begin):
             break
-        # A time at which the pose changes is reported at the new pose: it belongs to the segment that begins there.
+        # A time at which the pose changes is reported at the new pose: it belongs to the segment that starts there.
         inside = wanted[(wanted >= begin) & ((wanted < end) | (end == edges[-1]))]
         circuit = network.circuit(schedule.at(float(begin)))
         reported, state = integrate(circuit, history, (float(begin), float(end)), state, inside, solver)

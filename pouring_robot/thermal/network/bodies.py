@@ -1,4 +1,4 @@
-"""The bodies of the robot as nodes of the network: which node is what, and what of them no pose changes."""
+"""The bodies of the robot as nodes of the network: the meaning of each node, and properties that no pose changes."""
 
 import itertools
 from dataclasses import dataclass
@@ -20,13 +20,13 @@ _OFF_THE_FACE_M = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class NodeMap:
-    """Which node stands for what."""
+    """Indices of the nodes of each body."""
 
     legs: Indices  # nodes of the legs, shape (4, N + F), the moving rod's first
     moving_platform: Indices  # steel of its cells, shape (P,)
-    cladding: Indices  # its surface, shape (C,)
-    clad_cells: Indices  # of the moving platform's cells those that have one, shape (C,)
-    fixed_platform: Indices  # of its cells, shape (Q,)
+    cladding: Indices  # surface of its cladding, shape (C,)
+    clad_cells: Indices  # cells of the moving platform with cladding, shape (C,)
+    fixed_platform: Indices  # its cells, shape (Q,)
     lining: Indices  # layers of the ladle's lining, from the melt outwards
     shell: int  # the ladle's shell
 
@@ -48,7 +48,7 @@ class NodeMap:
 class Bodies:
     """All bodies of the robot, cut into nodes: legs, bars of both platforms, ladle; with layout and properties.
 
-    A shell that leaves nothing of the ladle's wall raises BadInputError when the lining is asked for.
+    A shell as thick as the ladle's wall raises BadInputError when the lining is requested.
     """
 
     nodes: NodeMap
@@ -57,15 +57,15 @@ class Bodies:
     fixed: BarCells
     ladle: LadleSections
     in_the_way_m: FloatArray  # boxes of the moving platform's bars in the disc's frame, shape (B, 2, 3)
-    area_m2: FloatArray  # surface that meets air, of all nodes but the legs', whose changes with the pose, shape (n,)
-    # the same times its view factor, of the moving platform, which goes with the ladle; zero for what goes by itself
+    area_m2: FloatArray  # surface exposed to air, of all nodes but the legs', whose changes with the pose, shape (n,)
+    # that surface times its view factor, of the moving platform, which moves with the ladle; zero for all other nodes
     view_area_m2: FloatArray
     entry: Layout
     properties: ThermalProperties
 
     @classmethod
     def of(cls, urdf: str, entry: Layout, properties: ThermalProperties, grid: LegGrid, bars: int) -> Self:
-        """Cut them, ``bars``: cells of each bar; and look at the melt from every face of the moving platform's."""
+        """Cut them, ``bars``: cells of each bar; and compute view factors of the moving platform's faces."""
         ladle, clad = LadleSections.of(entry), properties.moving_platform.cladding_thickness.metres > 0.0
         boxes = [link_boxes(urdf, f"{name}_platform") for name in ("moving", "fixed")]
         moving, fixed = (BarCells.cut(part, bars) for part in boxes)
@@ -90,7 +90,7 @@ class Bodies:
 
     @property
     def lining_m(self) -> float:
-        """What the shell leaves of the ladle's wall."""
+        """Thickness of the lining: the ladle's wall without the shell."""
         shell, wall = self.properties.ladle.shell_thickness.metres, self.ladle.wall_m
         if not 0.0 < shell < wall:
             raise BadInputError(
@@ -113,7 +113,7 @@ class Bodies:
         capacity[nodes.legs] = steel * grid.section_m2 * grid.step_m
         capacity[nodes.moving_platform] = steel * moving.volume_m3
         capacity[nodes.fixed_platform] = steel * self.fixed.volume_m3
-        # Half of the cladding goes with its surface, half with the bar.
+        # Half of the cladding's capacity belongs to its surface, half to the bar.
         half = 0.5 * insulation * self.area_m2[nodes.cladding] * self.cladding_m
         capacity[nodes.cladding] = half
         capacity[nodes.moving_platform[nodes.clad_cells]] += half

@@ -5,11 +5,11 @@ Heat flow into node i, in W, with temperatures in K:
     Q_i = -Σ_j K_ij T_j + m_i (T_melt - T_i) + f_i (T_ambient - T_i)
           + r_i (T_melt⁴ - T_i⁴) + e_i (T_ambient⁴ - T_i⁴) - Σ_j R_ij T_j⁴
 
-K is the Laplacian of the conductances between nodes, R that of radiation between them, which only a hollow body has.
-Without it radiation leaves a node towards melt and surroundings, and the nonlinear part of the Jacobian is diagonal.
+K is the Laplacian of the conductances between nodes, R that of radiation between nodes, which only hollow bodies have.
+Without R, nodes radiate only to melt and surroundings, and the nonlinear part of the Jacobian is diagonal.
 
-In time C_i dT_i/dt = Q_i(T, t). Capacities span four decades (cladding surface to fixed platform) and re-radiation is
-steep, so the system is stiff: SciPy's stiff solvers with the analytic Jacobian.
+Over time C_i dT_i/dt = Q_i(T, t). Capacities span four decades (cladding surface to fixed platform) and re-radiation is
+steep, so the system is stiff; it is solved by SciPy's stiff solvers with the analytic Jacobian.
 """
 
 import functools
@@ -30,13 +30,13 @@ from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.thermal.network.history import HeatHistory
 
 STEP_TOLERANCE_K = 1e-4
-"""Newton ends after a step s shorter than this. What is left is s² times half of curvature over slope of the heat
-flows, at most 12 T² / (2 · 4 T³) = 1.5/T, or with factors kept a hundredth of s at most: it is below 1e-6 K."""
-# After a step shorter than this the next takes the factors of the last: they are off by 3/T of it, a hundredth.
+"""Newton ends after a step s shorter than this. The remaining error is s² times half of curvature over slope of the
+heat flows, at most 12 T² / (2 · 4 T³) = 1.5/T, or with reused factors at most a hundredth of s: it is below 1e-6 K."""
+# After a step shorter than this the next one reuses the matrix factors: they are off by 3/T of it, a hundredth.
 _FACTORS_KEPT_K = 1.0
 _MAX_ITERATIONS = 60
 SOLVER: dict[str, Any] = {"method": "BDF", "rtol": 1e-6, "atol": 1e-4}
-"""How exactly time is followed: settings of ``scipy.integrate.solve_ivp``; tolerances, here in K, are per step."""
+"""Accuracy of integration over time: settings of ``scipy.integrate.solve_ivp``; tolerances, here in K, are per step."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,13 @@ class EnergyBalance:
 
     @property
     def stored_W(self) -> float:
-        """Heat in minus heat out, which warms the nodes; zero in the steady state."""
+        """Heat in minus heat out, stored in the nodes; zero in the steady state."""
         return self.melt_conduction_W + self.melt_radiation_W - (self.ambient_film_W + self.ambient_radiation_W)
 
 
 @dataclass(frozen=True, eq=False)
 class Circuit:
-    """The network as numbers. Shapes: n nodes."""
+    """Coefficients of the network with n nodes."""
 
     laplacian: FloatArray  # conductances between nodes, shape (n, n), in W/K; symmetric, rows sum to zero
     melt_contact: FloatArray  # conductance to the melt, shape (n,), in W/K
@@ -64,7 +64,7 @@ class Circuit:
     melt_radiation: FloatArray  # emissivities times area times view factor times Stefan's constant, shape (n,), in W/K⁴
     ambient_radiation: FloatArray  # the same to the surroundings, shape (n,), in W/K⁴
     capacity: FloatArray  # shape (n,), in J/K
-    # radiation between nodes, shape (n, n), in W/K⁴, on the pattern of a Laplacian; None: there is none
+    # radiation between nodes, shape (n, n), in W/K⁴, in the form of a Laplacian; None: no such radiation
     radiating: scipy.sparse.csc_array | None = None
 
     @property
@@ -77,7 +77,7 @@ class Circuit:
         return scipy.sparse.csc_array(self.laplacian)
 
     def _flows(self, t: FloatArray, melt_K: float, ambient_K: float) -> tuple[FloatArray, ...]:
-        """Return what comes into nodes, (n,) each, in W: by contact with the melt, by films, by radiation of both."""
+        """Return heat flows into nodes, (n,) each, in W: by contact with the melt, by films, by radiation of both."""
         radiation = self.melt_radiation * (melt_K**4 - t**4), self.ambient_radiation * (ambient_K**4 - t**4)
         return self.melt_contact * (melt_K - t), self.film * (ambient_K - t), *radiation
 
@@ -90,8 +90,8 @@ class Circuit:
     def jacobian(self, temperatures_K: FloatArray) -> scipy.sparse.csc_array:
         """Return d heat / d temperature, shape (n, n), in W/K; sparse; without ``radiating`` symmetric and definite.
 
-        Sparse for speed: a dense factorisation of this size is slower, and much slower where several threads of a
-        linear-algebra library get into each other's way.
+        It is sparse for speed: a dense factorisation of this size is slower, and much slower where several threads of a
+        linear-algebra library compete.
         """
         radiation = 4.0 * (self.melt_radiation + self.ambient_radiation) * temperatures_K**3
         matrix = -self._sparse
@@ -101,7 +101,7 @@ class Circuit:
         return (matrix - self.radiating @ scipy.sparse.diags_array(4.0 * temperatures_K**3)).tocsc()
 
     def balance(self, temperatures_K: FloatArray, melt_K: float, ambient_K: float) -> EnergyBalance:
-        """Return the heat flows of the whole network at temperatures of its nodes, shape (n,)."""
+        """Return the heat flows of the whole network at given temperatures of its nodes, shape (n,)."""
         contact, film, melt, ambient = (float(flow.sum()) for flow in self._flows(temperatures_K, melt_K, ambient_K))
         return EnergyBalance(contact, melt, -film, -ambient)
 
@@ -123,11 +123,11 @@ def laplacian(count: int, links: Iterable[tuple[int, int, float]]) -> FloatArray
 def grey_radiation(
     area_m2: FloatArray, view_area_m2: FloatArray, emissivity: FloatArray | float, melt_emissivity: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how strongly surfaces of area and area times view factor, (n,), radiate with melt and surroundings.
+    """Return radiation coefficients of surfaces with melt and surroundings, from area and area times view factor, (n,).
 
-    Surfaces are grey and diffuse; the view factors are small enough to leave out what is reflected to and fro. The
-    melt's surface takes and gives the share ``melt_emissivity`` of what it meets and reflects the surroundings with
-    the rest, so that in surroundings as hot as the melt nothing flows. Shape (n,) each, in W/K⁴.
+    Surfaces are grey and diffuse; the view factors are small enough to neglect multiple reflections. The melt's surface
+    emits and absorbs the share ``melt_emissivity`` and reflects the surroundings with the rest, so that no heat flows
+    in surroundings as hot as the melt. Shape (n,) each, in W/K⁴.
     """
     seen = melt_emissivity * view_area_m2
     scale = emissivity * Stefan_Boltzmann
@@ -138,13 +138,13 @@ def grey_radiation(
 def steady_temperatures(
     circuit: Circuit, melt_K: float, ambient_K: float, near: FloatArray | None = None
 ) -> FloatArray:
-    """Return the temperatures at which every node gives off what it takes up, and ``near`` to start from: (n,), in K.
+    """Return the temperatures at which the heat flow into every node is zero, (n,), in K; ``near``: a start, (n,).
 
-    The negative Jacobian is an M-matrix and every heat flow is concave in the temperatures, so Newton from a start
-    above the solution comes down to it without ever passing it; nothing is hotter than the hotter of melt and
-    surroundings, so that is the start (convergence: Ortega and Rheinboldt, monotone Newton theorem). From anywhere else
-    the first step leads above the solution, so that temperatures of a pose nearby are a start too, and a better one.
-    ThermalSolutionError: a part has no way to melt or surroundings, or Newton does not settle.
+    The negative Jacobian is an M-matrix and every heat flow is concave in the temperatures. So Newton's method, started
+    above the solution, descends to it without ever passing it. Nothing is hotter than the hotter of melt and
+    surroundings, so that is the default start (convergence: Ortega and Rheinboldt, monotone Newton theorem). From any
+    other start the first step leads above the solution, so temperatures at a nearby pose are a valid and better start.
+    Raises ThermalSolutionError where a part has no path to melt or surroundings, or Newton does not converge.
     """
     temperatures = np.full(circuit.nodes, max(melt_K, ambient_K)) if near is None else near
     longest = np.inf
@@ -175,10 +175,10 @@ def integrate(
     times_s: FloatArray,
     solver: Mapping[str, Any] = SOLVER,
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Integrate temperatures, (n,), in K, over a smooth stretch; return them at its times and at its end.
+    """Integrate temperatures, (n,), in K, over a smooth segment; return them at its times and at its end.
 
     Raises:
-        ThermalSolutionError: the integrator gives up.
+        ThermalSolutionError: the integrator fails.
     """
     inverse = 1.0 / circuit.capacity
     scale = scipy.sparse.diags_array(inverse).tocsc()
@@ -190,7 +190,7 @@ def integrate(
         return scipy.sparse.csc_matrix(scale @ circuit.jacobian(temperatures))
 
     report = np.append(times_s[times_s < span_s[1]], span_s[1])
-    with np.errstate(over="ignore", invalid="ignore"):  # BDF also takes differences of memory that it never reads
+    with np.errstate(over="ignore", invalid="ignore"):  # BDF also subtracts memory that it never uses
         solution = solve_ivp(slope, span_s, state, t_eval=report, jac=jacobian, **solver)
     if not solution.success:
         raise ThermalSolutionError(f"{solver['method']} gives up at {solution.t[-1]:g} s: {solution.message}")

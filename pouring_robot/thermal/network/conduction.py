@@ -11,8 +11,9 @@ from pouring_robot.thermal.network.circuit import chain_links, laplacian
 def constant_conductances(bodies: Bodies) -> tuple[FloatArray, float]:
     """Return the Laplacian of conductances that no pose changes, (n, n), and that between melt and lining, in W/K.
 
-    Conduction along every rod and bar, across U joints, cladding and lining, from shell through trunnions to the
-    hangers. Only the contact of the moving rods with the fixed ones changes with the pose (:func:`add_nut_contact`).
+    They are for conduction along every rod and bar, across U joints, cladding and lining, and from the shell through
+    trunnions to the hangers. Only the contact between moving and fixed rods changes with the pose
+    (:func:`add_nut_contact`).
     """
     nodes, grid, moving, fixed, ladle = bodies.nodes, bodies.grid, bodies.moving, bodies.fixed, bodies.ladle
     entry, contact = bodies.entry, bodies.properties.contact
@@ -26,7 +27,7 @@ def constant_conductances(bodies: Bodies) -> tuple[FloatArray, float]:
         rod, housing = nodes.legs[i, : grid.moving], nodes.legs[i, grid.moving :]
         links += chain_links(rod, rod_per_step) + chain_links(housing, housing_per_step)
         foot = moving.nearest(entry.moving_centres.metres[i] - drop)
-        # The joint sits at the rod's end, half an element away from the node.
+        # The joint is at the rod's end, half an element from the node.
         lower_joint = 1.0 / (1.0 / contact.lower_joint.value + 0.5 / rod_per_step)
         links.append((int(rod[0]), int(nodes.moving_platform[foot]), lower_joint))
         for side in (-1.0, 1.0):
@@ -51,9 +52,9 @@ def add_nut_contact(bodies: Bodies, matrix: FloatArray, touching_m2: FloatArray)
     """Add, in place, the conductance where the moving rods touch the fixed ones, in W/K, to a Laplacian (n, n).
 
     Args:
-        bodies: whose nodes the matrix is of.
+        bodies: the bodies to whose nodes the matrix belongs.
         matrix: the Laplacian, changed in place.
-        touching_m2: area in which elements of the moving rod (N) touch those of the fixed one (F), (4, N, F).
+        touching_m2: contact area between elements of the moving rod (N) and of the fixed rod (F), (4, N, F).
     """
     contact = bodies.properties.contact.nut.value * touching_m2
     for own, between in zip(bodies.nodes.legs, contact, strict=True):

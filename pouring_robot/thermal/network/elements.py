@@ -1,11 +1,12 @@
-"""Bodies cut into elements: bars of the platforms, read off the URDF, the ladle, and legs with what they see at a pose.
+"""Bodies cut into elements: bars of the platforms from the URDF, the ladle, and legs with their view factors at a pose.
 
-The platforms are frames of boxes. Each box is cut into cells along its longest edge; cells that touch, of one box or
-of two, conduct heat through the area they share. Faces that touch nothing exchange heat with melt and surroundings.
+The platforms are frames of boxes. Each box is cut into cells along its longest edge; cells that touch, of the same or
+of different boxes, conduct heat through their common area. Free faces exchange heat with melt and surroundings.
 
-A leg is two rods. The moving rod is cut once and for all from the lower U-joint centre upwards, so that its elements
-are pieces of steel that keep their heat when the leg changes its length; the fixed rod's housing is cut around the
-upper U-joint centre. Where the rod is inside the housing the two touch; only what is outside meets air and radiation.
+A leg consists of two rods. The moving rod is cut from the lower U-joint centre upwards, independently of the pose, so
+that its elements are pieces of steel that keep their heat when the leg changes its length. The fixed rod's housing is
+cut around the upper U-joint centre. Where the rod is inside the housing the two touch; only the part outside is exposed
+to air and radiation.
 """
 
 import itertools
@@ -31,10 +32,10 @@ FACETS = 16
 
 
 def link_boxes(urdf: str, link: str, *, skip_round: bool = False) -> FloatArray:
-    """Return the boxes a link is drawn with, in the link's frame, (B, 2, 3); cylinders, as wheels, may be skipped.
+    """Return the boxes of a link's visuals, in the link's frame, (B, 2, 3); cylinders, such as wheels, may be skipped.
 
     Raises:
-        DescriptionError: the URDF has no such link, or it is drawn with other shapes, turned boxes or a false origin.
+        DescriptionError: the URDF has no such link, or it has other shapes, rotated boxes or an invalid origin.
     """
     visuals = etree.fromstring(urdf.encode()).findall(f"link[@name='{link}']/visual")
     if skip_round:
@@ -52,7 +53,7 @@ def link_boxes(urdf: str, link: str, *, skip_round: bool = False) -> FloatArray:
 
 
 def merged(boxes_m: FloatArray) -> FloatArray:
-    """Return the same solid with boxes (B, 2, 3) joined that continue one another: fewer to look through."""
+    """Return the same solid with adjoining boxes (B, 2, 3) of equal section merged: fewer to search."""
     rest = list(boxes_m)
     done: list[FloatArray] = []
     while rest:
@@ -79,7 +80,7 @@ class BarCells:
 
     @classmethod
     def cut(cls, boxes_m: FloatArray, cells_per_bar: int) -> Self:
-        """Cut boxes (B, 2, 3) into cells along their longest edges and find which touch."""
+        """Cut boxes (B, 2, 3) into cells along their longest edges and find those that touch."""
         cells = []
         for low, high in boxes_m:
             axis = int(np.argmax(high - low))
@@ -101,12 +102,12 @@ class BarCells:
 
     @property
     def volume_m3(self) -> FloatArray:
-        """Of every cell, shape (N,)."""
+        """Volume of every cell, shape (N,)."""
         return np.asarray(np.prod(2.0 * self.half_m, axis=1))
 
     @property
     def face_centres_m(self) -> FloatArray:
-        """Middle of every face, shape (N, 6, 3)."""
+        """Centre of every face, shape (N, 6, 3)."""
         return self.centres_m[:, None] + FACE_NORMALS * self.half_m[:, None]
 
     def nearest(self, point_m: FloatArray) -> int:
@@ -118,7 +119,7 @@ class BarCells:
 def _find_contacts(
     low: FloatArray, high: FloatArray, half: FloatArray, areas: FloatArray
 ) -> tuple[tuple[int, int, float], ...]:
-    """Find touching cells; their common area is taken off the free faces in ``areas``."""
+    """Find touching cells; their common area is subtracted from the free faces in ``areas``."""
     contacts = []
     for i in range(len(low)):
         overlap = np.minimum(high[i], high[i + 1 :]) - np.maximum(low[i], low[i + 1 :])
@@ -137,7 +138,7 @@ def _find_contacts(
 
 @dataclass(frozen=True)
 class LadleSections:
-    """The ladle as the network sees it; SI units."""
+    """Dimensions of the ladle for the network; SI units."""
 
     melt_centre_m: FloatArray  # middle of the melt's surface in the moving platform's frame, shape (3,)
     melt_radius_m: float
@@ -150,7 +151,7 @@ class LadleSections:
 
     @classmethod
     def of(cls, entry: Layout) -> Self:
-        """Work them out from a layout, with the cone of ``ladle.urdf.xacro``."""
+        """Compute them from a layout, with the cone of ``ladle.urdf.xacro``."""
         ladle, platform = entry.ladle, entry.moving_platform
         top, bottom, height = ladle.outer_radius_top.metres, ladle.outer_radius_bottom.metres, ladle.height.metres
         wall, level, drop = ladle.wall.metres, ladle.melt_below_rim.metres, platform.trunnion_drop.metres
@@ -170,7 +171,7 @@ class LadleSections:
 
     @property
     def conducting_area_m2(self) -> float:
-        """Area of a plane slab that conducts like the curved wall: geometric mean of inside and outside."""
+        """Area of a plane slab that conducts like the curved wall: geometric mean of inner and outer area."""
         return math.sqrt(self.inner_area_m2 * self.outer_area_m2)
 
 
@@ -215,26 +216,26 @@ class LegGrid:
         return np.asarray(0.5 * (self.fixed_edges_m[1:] + self.fixed_edges_m[:-1]))
 
     def path_weights_m(self, lengths_m: FloatArray) -> FloatArray:
-        """Return how many metres of the way from upper to lower U-joint centre run through each element.
+        """Return the length within each element of the path from upper to lower U-joint centre.
 
-        The way goes down the fixed rod to its lower end, where the nut is taken to sit, and on along the moving rod.
-        Leg lengths are of shape (4,), in m; the result is of shape (4, N + F), in m, and each row sums to the leg's.
+        The path goes down the fixed rod to its lower end, where the nut is assumed, and on along the moving rod. Leg
+        lengths are of shape (4,), in m; the result is of shape (4, N + F), in m, and each row sums to the leg's length.
         """
         below = np.minimum(-self.fixed_edges_m[0], lengths_m)
         rod = _overlap(self.moving_edges_m, np.zeros(len(LEGS)), lengths_m - below)
-        # A leg drawn out beyond the rod's end does not exist; layouts with too short a rod are the user's to mend.
+        # A leg cannot extend beyond the rod's end; layouts with too short a rod are for the user to correct.
         return np.concatenate([rod, _overlap(self.fixed_edges_m, -below, np.zeros(len(LEGS)))], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class LegExposure:
-    """All elements of the four legs at a pose; shapes (4, N + F) unless said otherwise."""
+    """All elements of the four legs at a pose; shapes (4, N + F) unless stated otherwise."""
 
     lengths_m: FloatArray  # leg lengths, shape (4,)
     down: FloatArray  # unit vectors from upper to lower U-joint centre, in the disc's frame, shape (4, 3)
     centres_m: FloatArray  # middle of the exposed part of each element, in the disc's frame, shape (4, N + F, 3)
     from_upper_joint_m: FloatArray  # distance of the element's middle from the upper U-joint centre, positive downwards
-    area_m2: FloatArray  # outside surface that meets air
+    area_m2: FloatArray  # outside surface exposed to air
     view_factor: FloatArray  # mean around the element, from it to the melt's surface
     # how the view factor varies around the rod: h of F(n) = mean + h · n + …, in the disc's frame, (4, N + F, 3)
     first_harmonic: FloatArray
@@ -242,9 +243,9 @@ class LegExposure:
 
     @classmethod
     def at(cls, grid: LegGrid, upper_m: FloatArray, lower_m: FloatArray, disc: DiscChords, boxes_m: FloatArray) -> Self:
-        """Place the elements between U-joint centres in the disc's frame, (4, 3) each, and look at the melt from each.
+        """Place the elements between U-joint centres in the disc's frame, (4, 3) each, and compute their view factors.
 
-        Boxes (B, 2, 3) hide it.
+        Boxes (B, 2, 3) hide the melt.
         """
         along = upper_m - lower_m
         lengths = np.linalg.norm(along, axis=1)
@@ -266,7 +267,7 @@ class LegExposure:
 
 
 def _overlap(edges: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Return how much of each element lies between start and end of each leg, shape (4, elements), in m."""
+    """Return the length of each element between start and end of each leg, shape (4, elements), in m."""
     upper = np.minimum(edges[None, 1:], end[:, None])
     return np.asarray(np.maximum(upper - np.maximum(edges[None, :-1], start[:, None]), 0.0))
 
@@ -277,7 +278,7 @@ def _exposed_rod(grid: LegGrid, lengths: FloatArray) -> tuple[FloatArray, FloatA
     start, end = lengths + grid.fixed_edges_m[0], lengths + grid.fixed_edges_m[-1]
     under = _overlap(edges, np.full(len(LEGS), -1.0), start)
     over = _overlap(edges, end, np.full(len(LEGS), edges[-1] + 1.0))
-    # An element that sticks out at both ends looks out of the longer piece.
+    # An element that protrudes at both ends has the view of the longer piece.
     height = np.where(under >= over, edges[None, :-1] + 0.5 * under, edges[None, 1:] - 0.5 * over)
     return under + over, height
 

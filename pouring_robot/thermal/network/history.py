@@ -1,4 +1,4 @@
-"""What happens over time: melt and ambient temperature, and the poses that are held.
+"""Histories over time: melt and ambient temperature, and the poses that are held.
 
 Too few entries, unequal lengths and times that do not increase raise HistoryError, impossible temperatures
 TemperatureError.
@@ -21,7 +21,7 @@ from pouring_robot.mechanism.closure.solver import ClosureResult
 from pouring_robot.robot.pouring.platform_pose import PLATFORM_POSE, POSE_COLUMNS, PlatformPose
 
 Placed = PlatformPose | ClosureResult
-"""Where the robot stands: a pose of the drawing, or a closure of any robot of its layout."""
+"""Where the robot is: a nominal pose, or a closure of any robot of the layout."""
 
 _TIME, _MELT, _AMBIENT = Quantity("time", "time"), Quantity("melt", "temperature"), Quantity("ambient", "temperature")
 _STRAIGHT_K_PER_S = 1e-12
@@ -29,7 +29,7 @@ _STRAIGHT_K_PER_S = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class HeatHistory:
-    """Melt and ambient temperature over time, (n,) each, straight lines between two entries or more."""
+    """Melt and ambient temperature over time, (n,) each, linear between two or more entries."""
 
     times_s: FloatArray
     melt_degC: FloatArray
@@ -51,7 +51,7 @@ class HeatHistory:
 
     @classmethod
     def constant(cls, melt_degC: float, ambient_degC: float, duration_s: float) -> Self:
-        """Return temperatures that are held for a time."""
+        """Return constant temperatures over a duration."""
         return cls(np.array([0.0, duration_s]), np.full(2, melt_degC), np.full(2, ambient_degC))
 
     @property
@@ -71,7 +71,7 @@ class HeatHistory:
 
     @property
     def corners_s(self) -> FloatArray:
-        """Times at which a temperature changes its slope: an integrator must not step across them."""
+        """Times at which the slope of a temperature changes; an integrator must not step across them."""
         steps = np.diff(self.times_s)
         bends = sum(np.abs(np.diff(np.diff(values) / steps)) for values in (self.melt_degC, self.ambient_degC))
         return np.asarray(self.times_s[1:-1][np.asarray(bends) > _STRAIGHT_K_PER_S])
@@ -79,10 +79,10 @@ class HeatHistory:
 
 @dataclass(frozen=True)
 class PoseSchedule:
-    """Poses held one after the other, each from its time on; changes between them take no time."""
+    """Poses held one after the other, each from its time on; moves between them take no time."""
 
     entries: tuple[tuple[float, Placed], ...]
-    lines: tuple[int, ...] = ()  # of the table that each comes from, if it does
+    lines: tuple[int, ...] = ()  # line of each in its table, if read from one
 
     def __post_init__(self) -> None:
         if not self.entries:
@@ -91,7 +91,7 @@ class PoseSchedule:
 
     @classmethod
     def of(cls, poses: "Placed | PoseSchedule | Sequence[tuple[float, Placed]]", start_s: float) -> "PoseSchedule":
-        """Return a schedule from one pose that is held throughout, from entries, or as it is."""
+        """Return a schedule from one pose that is held throughout, from entries, or unchanged."""
         if isinstance(poses, PoseSchedule):
             return poses
         if isinstance(poses, PlatformPose | ClosureResult):
@@ -113,14 +113,14 @@ def _check_order(times: FloatArray) -> None:
 
 
 def read_shift(path: Path | str, default_ambient_degC: float = AMBIENT_DEGC) -> tuple[HeatHistory, PoseSchedule | None]:
-    """Read a history from a table, and the poses held where it has any.
+    """Read a history from a table, and the held poses if it has any.
 
-    Columns, each in any unit of its kind: time, ``melt``, if wanted ``ambient``, and ``x``, ``y``, ``z``, ``tilt``, all
-    or none. A pose is held from the time of its line on.
+    Columns, each in any unit of its kind: time, ``melt``, optionally ``ambient``, and all or none of ``x``, ``y``,
+    ``z``, ``tilt``. A pose is held from the time of its line on.
 
     Raises:
-        TableError: the file cannot be read, a column is missing, unknown or doubled, a cell is no number, times do not
-            increase, or a temperature is impossible; names line and column.
+        TableError: the file cannot be read, a column is missing, unknown or duplicated, a cell is not a number, times
+            do not increase, or a temperature is impossible; names line and column.
     """
     table = read_table(path, "time_min, melt_degC, ambient_degC")
     known = (_TIME, _MELT, _AMBIENT, *PLATFORM_POSE)

@@ -1,17 +1,17 @@
-"""View factors from small plane or cylindrical elements to a disc, and what a frame of bars hides of the disc.
+"""View factors from small plane or cylindrical elements to a disc that a frame of bars partly hides.
 
 All lengths in m, in a frame with the disc's centre at the origin and the disc in the plane z = 0, radiating into the
 half-space z > 0. Boxes with edges along the axes of their frame are arrays (B, 2, 3) of lower and upper corners.
 
-Unhidden factors are exact: the area integral over the disc is turned into one along its outline (Sparrow's contour
+Unobstructed factors are exact: the area integral over the disc is converted to one along its outline (Sparrow's contour
 integration), F = -1/(2π) n · ∮ (r × dr)/|r|², which has a closed form on a circle. Where the element's own horizon cuts
 the disc, the outline is the arc above the horizon and the chord that closes it. For parallel and perpendicular
 elements this gives the published forms B-12 to B-14 of Howell's catalogue of configuration factors.
 
-For the shares that boxes leave the disc is cut into chords. On a chord the integrand of the view factor has a
-primitive, and the shadow of a box, seen from a point, is an interval: both are exact. Across the chords it is Gauss's
-rule for a half circle (Chebyshev of the second kind). So shadows move continuously with the element, and what they
-cover does too. What runs over elements, chords and boxes is compiled.
+For obstruction by boxes the disc is cut into chords. On a chord the integrand of the view factor has a primitive, and
+the shadow of a box, seen from a point, is an interval: both are exact. Across the chords the integral is Gauss's rule
+for a half circle (Chebyshev of the second kind). So shadows, and the areas they cover, change continuously with the
+element's position. The loops over elements, chords and boxes are compiled.
 """
 
 import math
@@ -26,15 +26,15 @@ from pouring_robot.batch.structure import IntArray
 from pouring_robot.mechanism.arrays import FloatArray
 
 _WAY_X, _WAY_Y = math.cos(0.4), math.sin(0.4)
-"""Direction of the chords of a disc: along neither axis, so that no edge of a bar runs along one."""
+"""Direction of the chords of a disc: parallel to no axis, so that no edge of a bar is parallel to them."""
 
 
 @dataclass(frozen=True, eq=False)
 class DiscChords:
-    """Parallel chords that stand for a disc."""
+    """Parallel chords that represent a disc."""
 
     radius_m: float  # of the disc
-    chords_m: FloatArray  # how far from the middle, half the length and the weight of each, shape (C, 3), in m
+    chords_m: FloatArray  # distance from the centre, half length and weight of each, shape (C, 3), in m
 
     @classmethod
     def of(cls, radius_m: float, count: int = 24) -> Self:
@@ -48,11 +48,11 @@ class DiscChords:
 def hidden_view_factors(
     facets_m: FloatArray, middles_m: FloatArray, normals: FloatArray, disc: DiscChords, boxes_m: FloatArray
 ) -> FloatArray:
-    """Return view factors of elements' facets, boxes in between, shape (N, M).
+    """Return view factors of elements' facets, with boxes in between, shape (N, M).
 
-    Facets and their unit normals are (N, M, 3); behind the disc (z <= 0) and turned away they see nothing. The line of
-    sight that serves all facets of an element starts in its middle, shape (N, 3): thin or far elements need no more.
-    The error of the chords is only where something is hidden.
+    Facets and their unit normals are (N, M, 3); behind the disc (z <= 0) or facing away their factors are zero. Lines
+    of sight of all facets of an element start at its centre, shape (N, 3), which suffices for thin or distant elements.
+    The chords cause an error only where something is hidden.
     """
     chords, count, facets = len(disc.chords_m), len(boxes_m), normals.shape[1]
     bounds, pieces, facing, totals = (np.empty(n) for n in ((2, 5, 2), (chords, count, 2), (facets, 2), (2, facets)))
@@ -67,10 +67,10 @@ def hidden_view_factors(
 def _arc_integrals(radius: float, offset: float, height: float, start: float, end: float) -> tuple[float, float, float]:
     """Integrate 1, sin and cos over K - L cos along an arc, with K = a² + ρ² + z² and L = 2aρ; in 1/m².
 
-    Written with the Fourier coefficient q of the integrand so that nothing cancels as L goes to zero.
+    It is written with the Fourier coefficient q of the integrand, to avoid cancellation as L goes to zero.
     """
     total, ripple = radius**2 + offset**2 + height**2, 2.0 * radius * offset
-    # K ± L as distances to the far and the near edge: no cancellation close to the rim.
+    # K ± L from distances to the far and the near edge, to avoid cancellation close to the rim.
     root = math.sqrt(((offset - radius) ** 2 + height**2) * ((offset + radius) ** 2 + height**2))
     q = ripple / (total + root)
     flat, cosines = 0.0, 0.0
@@ -106,7 +106,7 @@ def _unhidden(point: FloatArray, normal: FloatArray, radius: float) -> float:
     flat, sines, cosines = _arc_integrals(radius, offset, height, start, end)
     seen = height * radius * (radial * cosines + tangential * sines)
     seen += vertical * radius * (radius * flat - offset * cosines)
-    if not whole:  # the signed angle under which the element sees the chord from the arc's end to its start
+    if not whole:  # the signed angle that the chord, from the arc's end to its start, subtends at the element
         far = (radius * math.cos(end) - offset, radius * math.sin(end), -height)
         near = (radius * math.cos(start) - offset, radius * math.sin(start), -height)
         seen += math.atan2(dot(cross(far, near), (radial, tangential, vertical)), dot(far, near))
@@ -123,9 +123,9 @@ def _shadow(
 ) -> tuple[float, float]:
     """Return the interval of a chord that a box hides from a point; empty where it ends before it begins.
 
-    A ray from the point p to a place q of the chord passes the box where p + (q - p)/s lies in it, s >= 1. Each side of
-    the box bounds s from below or above, linearly in the place on the chord; the interval is where all lower bounds are
-    below all upper ones.
+    A ray from the point p to a point q on the chord meets the box where p + (q - p)/s is in it, s >= 1. Each side of
+    the box bounds s from below or above, linearly in the position on the chord; the interval is where all lower bounds
+    are below all upper ones.
 
     ``chord``: its origin and its direction in x and y, and half its length.
     """
@@ -152,7 +152,7 @@ def _shadow(
     begin, end = -half, half
     for i in range(below):
         for j in range(above):
-            # lower bound <= upper bound: 0 <= constant + slope * place
+            # lower bound <= upper bound: 0 <= constant + slope * position
             constant, slope = bounds[1, j, 0] - bounds[0, i, 0], bounds[1, j, 1] - bounds[0, i, 1]
             if slope > 0.0:
                 begin = max(begin, -constant / slope)
@@ -165,16 +165,16 @@ def _shadow(
 
 @compiled
 def _primitives(place: float, square: float) -> tuple[float, float]:
-    """Return ∫ w dw/(w² + D²)² and ∫ dw/(w² + D²)² up to a place w; ``square``: D²."""
+    """Return ∫ w dw/(w² + D²)² and ∫ dw/(w² + D²)² up to a position w; ``square``: D²."""
     whole, root = place * place + square, math.sqrt(square)
     return -0.5 / whole, (place / whole + math.atan(place / root) / root) / (2.0 * square)
 
 
 @compiled
 def _add_piece(totals: FloatArray, facing: FloatArray, begin: float, end: float, square: float, weight: float) -> None:
-    """Add to the total of each normal what it takes from a piece of a chord: where it faces the piece.
+    """Add to the total of each normal the contribution of a piece of a chord, where the normal faces the piece.
 
-    ``facing``: by normal the slope and the constant of n · (q - p) along the chord.
+    ``facing``: for each normal, slope and constant of n · (q - p) along the chord.
     """
     first, last = _primitives(begin, square), _primitives(end, square)
     for m in range(len(facing)):
@@ -192,10 +192,10 @@ def _add_piece(totals: FloatArray, facing: FloatArray, begin: float, end: float,
 
 @compiled
 def _boxes_between(point: tuple[float, float, float], radius: float, boxes: FloatArray, between: IntArray) -> int:
-    """Write the boxes that the cone from a point to the disc may meet, by number; return how many."""
+    """Write the indices of boxes that the cone from a point to the disc may meet; return their number."""
     count = 0
     for box in range(len(boxes)):
-        # How far down the way to the disc the box begins and ends.
+        # Where on the way down to the disc the box begins and ends.
         begin, end = 1.0 - boxes[box, 1, 2] / point[2], 1.0 - boxes[box, 0, 2] / point[2]
         begin, end = max(begin, 0.0), min(end, 1.0)
         meets = begin < end
@@ -218,7 +218,7 @@ def _hidden_pieces(
     bounds: FloatArray,
     pieces: FloatArray,
 ) -> int:
-    """Write the pieces of a chord that boxes hide, (boxes, 2), disjoint and in order; return how many."""
+    """Write the pieces of a chord that boxes hide, (boxes, 2), disjoint and in order; return their number."""
     count = 0
     for box in between:
         begin, end = _shadow(point, chord, boxes[box], bounds)
@@ -253,8 +253,8 @@ def write_factors(
 ) -> None:
     """Write the view factor of each facet of each element, (N, M).
 
-    Facets and normals are (N, M, 3), middles (N, 3), the chords of the disc (C, 3) as :class:`DiscChords` has them;
-    ``room`` for work is (2, 5, 2), (C, B, 2), (C,), (B,), (M, 2), (2, M).
+    Facets and normals are (N, M, 3), middles (N, 3), the chords of the disc (C, 3) as in :class:`DiscChords`; the
+    arrays of ``room``, for intermediate results, are (2, 5, 2), (C, B, 2), (C,), (B,), (M, 2), (2, M).
     """
     bounds, pieces, counts, numbers, facing, totals = room
     for n in range(len(facets)):

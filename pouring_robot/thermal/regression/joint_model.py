@@ -6,7 +6,7 @@ and P_g the sensitive set of group g, principal-component regression gives equat
 .. math:: T = c_0 + \sum_g c_g P_g, \qquad \hat P_g(T) = a_g + m_g T
 
 "Bring it into the principal component regression equation. P8PCR is obtained by TEMP and P1, and vice versa": equation
-21 is solved for one set while the lines of the others stand in for their values,
+21 is solved for one set, with the lines of the others in place of their values,
 
 .. math:: P_g^{PCR}(T) = \frac{T - c_0 - \sum_{h \ne g} c_h \hat P_h(T)}{c_g}
 
@@ -14,18 +14,18 @@ and P_g the sensitive set of group g, principal-component regression gives equat
 
 .. math:: w_g = \frac{|c_g|}{\sum_h |c_h|}, \qquad P_{end}(T) = \sum_g w_g P_g^{PCR}(T)
 
-For two sets and one component c_g ∝ 1/s_g, so the flatter set weighs more; and where r_g is a set's correlation with
-T, its slope becomes (1/β − r_h) s_g/s_T with β = (r_1 + r_2)/(2 + 2r), not r_g s_g/s_T: equation 21 is a regression of
-temperature, and read backwards it is steeper than the data by its unexplained share.
+For two sets and one component c_g ∝ 1/s_g, so the flatter set has the larger weight; and where r_g is a set's
+correlation with T, its slope becomes (1/β − r_h) s_g/s_T with β = (r_1 + r_2)/(2 + 2r), not r_g s_g/s_T: equation 21 is
+a regression of temperature, and inverted it is steeper than the data by its unexplained share.
 
-The conclusion (7) weighs "by principal component contribution" instead (``"components"``), read as the share of the
-kept components' variance that a set carries, with λ_j the eigenvalues and u_j the eigenvectors:
+The conclusion (7) weights "by principal component contribution" instead (``"components"``), interpreted as a set's
+share of the kept components' variance, with λ_j the eigenvalues and u_j the eigenvectors:
 
 .. math:: w_g = \frac{\sum_{j \le m} \lambda_j u_{gj}^2}{\sum_{j \le m} \lambda_j}
 
-Two sets and one component weigh the same by it, whatever the data.
+By this, two sets with one component have equal weights, whatever the data.
 
-Why the mean line of all sets does better than both: :mod:`pouring_robot.thermal.regression.methods`.
+Why the mean line of all sets is better than both: :mod:`pouring_robot.thermal.regression.methods`.
 """
 
 from typing import Any, Self
@@ -45,13 +45,13 @@ from pouring_robot.thermal.regression.table import ErrorSetError
 
 WEIGHTINGS = ("coefficients", "components")
 EXPLAINED_SHARE = 0.85
-"""The paper's rule: as many components as carry 85 % of the variance."""
+"""The paper's rule: as many components as explain 85 % of the variance."""
 
 
 class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
-    r"""Linear regression on the principal components of the correlation matrix, told in the original units.
+    r"""Linear regression on the principal components of the correlation matrix, expressed in the original units.
 
-    The paper's 5.1.4, whose formulas were lost; from the textbooks, with s the sample standard deviations (divisor
+    The paper's 5.1.4, whose formulas were lost; from textbooks, with s the sample standard deviations (divisor
     n − 1), λ and u the eigenvalues and eigenvectors of the correlation matrix R_P, k sets:
 
     .. math::
@@ -61,9 +61,9 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
        y^* = \sum_{j \le m} \gamma_j Z_j = \sum_i \beta_i x^*_i, \quad \beta_i = \sum_{j \le m} u_{ij} \gamma_j, \quad
        b_i = \frac{s_y}{s_i} \beta_i, \quad b_0 = \bar y - \sum_i b_i \bar x_i
 
-    Scikit-learn's scaling, PCA and ordinary least squares, with as many components as carry the wanted share of
-    variance. In the paper y is the melt temperature and X the sensitive error sets: equations 19 to 21. A
-    constant set takes no part. ``explained``: least cumulative share of variance the components carry, in (0, 1].
+    It uses scikit-learn's scaling, PCA and ordinary least squares, with as many components as explain the requested
+    share of variance. In the paper y is the melt temperature and X the sensitive error sets: equations 19 to 21.
+    Constant sets are ignored. ``explained``: smallest cumulative share of variance that the components explain, (0, 1].
     """
 
     def __init__(self, explained: float = EXPLAINED_SHARE) -> None:
@@ -73,8 +73,8 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
         """Fit y, shape (n,), on the components of X, shape (n, k), n ≥ 2.
 
         Raises:
-            ErrorSetError: all sets are constant, or the share is out of its range.
-            ValueError: X or y are no finite numbers (scikit-learn's words).
+            ErrorSetError: all sets are constant, or the share is out of range.
+            ValueError: X or y are not finite numbers (scikit-learn's message).
         """
         sets, target = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=2)
         if not 0.0 < self.explained <= 1.0:
@@ -84,13 +84,13 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
         if not scaled.any():
             raise ErrorSetError("every set is constant; there is no variance to find components of")
         every = PCA(svd_solver="full").fit(scaled)
-        # all λ of the correlation matrix, falling, shape (min(n, k),); they add up to k
+        # all λ of the correlation matrix, decreasing, shape (min(n, k),); their sum is k
         self.eigenvalues_ = every.explained_variance_ * (1.0 - 1.0 / len(sets))
         self.cumulative_ = np.cumsum(every.explained_variance_ratio_)
-        # The last share is 1 up to rounding; a wish for all of it must not run past the end.
+        # The last share is 1 up to rounding; a request for all of it must not go past the end.
         self.n_components_ = 1 + int(np.argmax(self.cumulative_ >= self.explained - 1e-12))
         self.components_ = every.components_[: self.n_components_]  # the u kept, shape (m, k)
-        # on them; its coefficients are γ s_y, shape (m,)
+        # regression on them; its coefficients are γ s_y, shape (m,)
         self.regression_ = LinearRegression().fit(scaled @ self.components_.T, target)
         per_scaled = self.components_.T @ self.regression_.coef_
         spread = float(np.std(target))
@@ -108,19 +108,19 @@ class PrincipalComponentRegression(RegressorMixin, BaseEstimator):  # type: igno
 
 
 class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
-    """Error of any pose, predicted from temperature by all groups of a table together: one line for all poses.
+    """Error at any pose, predicted from temperature by all groups of a table together: one line for all poses.
 
-    It must not be used where poses err in opposite directions, as this robot's do in Y left and right of its middle:
-    their mean line is near zero and helps none of them. Beside no compensation and a
-    line that depends on the pose it is judged in :mod:`pouring_robot.thermal.regression.methods`.
+    It must not be used where poses have errors in opposite directions, as this robot's have in Y left and right of its
+    middle: their mean line is near zero and helps none of them. It is compared with no compensation and with a line
+    that depends on the pose in :mod:`pouring_robot.thermal.regression.methods`.
 
-    X is temperature, shape (n, 1); y is the table, sets as columns, shape (n, k). It predicts one error, shape (n,):
-    the one to compensate with at any pose. Units are free; with an :class:`ErrorTable` they are K and m (or rad).
+    X is temperature, shape (n, 1); y is the table, sets as columns, shape (n, k). It predicts one error, shape (n,),
+    to compensate at any pose. Units are free; with an :class:`ErrorTable` they are K and m (or rad).
 
     Args:
         weighting: "coefficients" (raw c_g, the paper's section 5.2) or "components" (contribution to the principal
             components, its section 7).
-        selector: chooses the sensitive sets; left out: :class:`SensitiveSetSelector` with its usual settings.
+        selector: chooses the sensitive sets; by default :class:`SensitiveSetSelector` with its default settings.
         explained: as in :class:`PrincipalComponentRegression`.
     """
 
@@ -137,9 +137,9 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """Fit the line to a table, n ≥ 3 temperatures.
 
         Raises:
-            ErrorSetError: X has more than one column, a set or the temperature is constant, a setting is out of its
-                range, or equation 21 does not hold a set and so cannot be solved for it.
-            ValueError: X or y are no finite numbers (scikit-learn's words).
+            ErrorSetError: X has more than one column, a set or the temperature is constant, a setting is out of range,
+                or equation 21 does not contain a set and so cannot be solved for it.
+            ValueError: X or y are not finite numbers (scikit-learn's message).
         """
         if self.weighting not in WEIGHTINGS:
             raise ErrorSetError(f"weighting '{self.weighting}' is not known; give one of {', '.join(WEIGHTINGS)}")
@@ -186,7 +186,7 @@ class JointRegression(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return column[:, 0] * self.coef_ + self.intercept_
 
     def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
-        """Return R² of P_end over all sets of y, shape (n, k) or (n,), each number counted alike."""
+        """Return R² of P_end over all sets of y, shape (n, k) or (n,), with equal weights of all values."""
         table = np.asarray(y, dtype=float).reshape(len(np.asarray(y)), -1)
         weights = np.ones(len(table)) if sample_weight is None else sample_weight
         predicted, weights = (np.repeat(one, table.shape[1]) for one in (self.predict(X), weights))

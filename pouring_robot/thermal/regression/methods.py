@@ -1,17 +1,17 @@
-r"""Every way to predict an error, side by side: no compensation, single sets, the paper's P_end, and ours.
+r"""All methods to predict an error, side by side: no compensation, single sets, the paper's P_end, and ours.
 
-Each comes out as an :class:`ErrorLine`, so that all are judged, written to a file and used alike. Judged means: on sets
-that were left out of everything, one at a time, clustering included (:func:`left_out`). Too few sets raise TableError.
+Each is an :class:`ErrorLine`, so that all are judged, written to a file and used in the same way. They are judged by
+leave-one-out cross-validation over the sets, clustering included (:func:`left_out`). Too few sets raise TableError.
 
-**What beating a single set takes.** With m a line's slope and s_T the temperatures' spread, its residuals' spread is
+**How to be better than a single set.** With m a line's slope and s_T the temperatures' spread, its residuals' spread is
 
 .. math:: \text{spread}^2 = \text{what no line removes} + s_T^2 \, (m - \bar m_{left})^2
 
-so only the distance of m from the mean slope of the left-out poses counts. The sensitive sets tell where two poses lie,
-not where the others do, and no weights made of equation 21 alone can know it. The table knows: its other sets. Scaled
-to the mean of its group and weighed by the group's number of sets, each P_g^PCR, a line itself, loses its own slope,
-and their sum is the mean line of all sets. For a pose drawn like those of the table it has the least expected spread
-among all weighted means of the sets' lines; the sensitive sets add no accuracy to it.
+so only the distance of m from the mean slope of the left-out poses counts. The sensitive sets show the slopes of two
+poses, not of the others, and no weights from equation 21 alone contain these; the table's other sets do. If each
+P_g^PCR, which is a line, is scaled to the mean of its group and weighted by the group's number of sets, its own slope
+drops out, and their sum is the mean line of all sets. For a pose drawn like those of the table this has the smallest
+expected spread of all weighted means of the sets' lines; the sensitive sets do not make it more accurate.
 """
 
 from collections.abc import Mapping
@@ -35,16 +35,16 @@ METHODS = {
     MEAN: "mean line of all sets (ours)",
     POSE: "line that depends on the pose (ours)",
 }
-"""What may stand in a thermal-model file, and in words. Single sets are judged beside them as ``single 1``, …"""
+"""Methods in a thermal-model file, with descriptions. Single sets are judged along with them as ``single 1``, …"""
 _WEIGHTINGS = {PAPER: "coefficients", COMPONENTS: "components"}
 HELPS_BELOW = 0.9
-"""A method helps if it leaves less than this share of the error on sets left out."""
+"""A method helps if its held-out error is below this share of that without compensation."""
 
 
 def fit_lines(table: ErrorTable, positions: Positions | None = None, **selector: Any) -> dict[str, ErrorLine]:
     """Return every method fitted to a table: ``none``, the single sets, the paper's two, ours.
 
-    Without positions of the sets no line depends on the pose. ``selector``: settings of :class:`SensitiveSetSelector`.
+    Without positions no line depends on the pose. ``selector``: settings of :class:`SensitiveSetSelector`.
     """
     column, middle = table.temperature_column, float(table.temperatures_K.mean())
     models = {
@@ -65,7 +65,7 @@ def fit_lines(table: ErrorTable, positions: Positions | None = None, **selector:
 def judge(
     lines: Mapping[str, ErrorLine], judged: ErrorTable, positions: Positions | None = None
 ) -> dict[str, ResidualStatistics]:
-    """Return what each line leaves of a table's errors."""
+    """Return the residuals of a table's errors after each line."""
     where = None if positions is None else positions.values
     return {
         name: ResidualStatistics.of(judged.errors - line.predict(judged.temperatures_K, where))
@@ -74,7 +74,7 @@ def judge(
 
 
 def left_out(table: ErrorTable, positions: Positions | None = None, **selector: Any) -> dict[str, ResidualStatistics]:
-    """Return what each method leaves of sets that it has not seen: each set is left out once."""
+    """Return the held-out residuals of each method: each set is left out once."""
     count, inputs = len(table.names), positions.names if positions is not None else ()
     if count < 3 + len(inputs):
         raise TableError(

@@ -1,6 +1,6 @@
-"""What a table of error sets says: groups, degrees, components, formulas, what each method leaves; and its page.
+"""Results from a table of error sets: groups, degrees, components, formulas, residuals of each method; and their page.
 
-A table that is wrong, has too few sets or says some directions only raises TableError; so does one of positions.
+TableError is raised for a table of errors or positions that is wrong, has too few sets or lacks some directions.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,7 +32,7 @@ from pouring_robot.thermal.regression.thermal_model import (
     ThermalModel,
 )
 
-_TIED = 1e-9  # of the poses' spread: rounding
+_TIED = 1e-9  # of the poses' spread: smaller is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,16 +40,16 @@ class AxisRegression:
     """One direction of a table."""
 
     table: ErrorTable  # its error sets
-    model: JointRegression  # the paper's, weighed by equation 21
+    model: JointRegression  # the paper's, weighted by equation 21
     lines: dict[str, ErrorLine]  # every method
-    fitted: dict[str, ResidualStatistics]  # what each leaves of the table it was fitted to
-    unseen: dict[str, ResidualStatistics]  # what each leaves of sets left out one at a time
-    method: str  # the one to use
+    fitted: dict[str, ResidualStatistics]  # residuals of each on the table it was fitted to
+    unseen: dict[str, ResidualStatistics]  # residuals of each on sets left out one at a time
+    method: str  # the method to use
 
     @classmethod
     def of(cls, table: ErrorTable, positions: Positions | None, method: str | None, selector: dict[str, Any]) -> Self:
-        """Fit and judge everything; ``method`` None takes the one that leaves least of sets left out."""
-        judged = left_out(table, positions, **selector)  # refuses too few sets before anything is fitted to them
+        """Fit and judge all methods; ``method`` None: the one with the smallest held-out error."""
+        judged = left_out(table, positions, **selector)  # refuses too few sets before anything is fitted
         count, groups = len(table.names), selector.get("n_clusters", 1)
         if groups > count and selector.get("lambda_cut") is None:
             raise TableError(table.source, f"{count} sets cannot make {groups} groups; give --groups {count} or fewer")
@@ -58,7 +58,7 @@ class AxisRegression:
         if positions is not None:
             _refuse_tied(table.source, positions)
         lines = fit_lines(table, positions, **selector)
-        # With a set left out there may be more groups than with all; those have no single set to stand for them.
+        # With a set left out there may be more groups than with all sets; for these there is no single set.
         unseen = {name: left for name, left in judged.items() if name in lines}
         if method is not None and method not in lines:
             raise BadInputError(f"method '{method}' needs the poses of the sets: --poses FILE")
@@ -67,7 +67,7 @@ class AxisRegression:
 
     @property
     def helps(self) -> bool:
-        """Whether the method leaves clearly less than no compensation, on sets left out."""
+        """Whether the method's held-out error is clearly smaller than without compensation."""
         return self.unseen[self.method].rms < HELPS_BELOW * self.unseen[NONE].rms
 
     @property
@@ -77,16 +77,16 @@ class AxisRegression:
 
     @property
     def unit(self) -> str:
-        """Of its errors as printed."""
+        """Unit of its printed errors."""
         return "mm" if self.table.kind == "length" else "mrad"
 
     def words(self, method: str) -> str:
-        """Return a method in words."""
+        """Return the description of a method."""
         number = method.removeprefix("single ")
         return METHODS[method] if number == method else f"{self.sensitive[int(number) - 1]} alone"
 
     def formulas(self) -> Iterator[str]:
-        """Return equations 19 to 22 with their numbers; errors in mm or mrad, TEMP in °C, * for standardised."""
+        """Return equations 19 to 22 with their values; errors in mm or mrad, TEMP in °C, * for standardised."""
         regression, names = self.model.component_regression_, self.sensitive
         starred, components = [f"{name}*" for name in names], [f"Z{j + 1}" for j in range(regression.n_components_)]
         rows = zip(components, regression.components_, strict=True)
@@ -133,7 +133,7 @@ def _sum(factors: FloatArray, names: Sequence[str]) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RegressionReport(Result):
-    """Every direction of a table, ``x`` to ``z``, or ""; where its sets were measured, if that is known."""
+    """Every direction of a table, ``x`` to ``z``, or ""; the positions where its sets were measured, if known."""
 
     source: str
     positions: Positions | None
@@ -141,7 +141,7 @@ class RegressionReport(Result):
 
     @property
     def headline(self) -> str:
-        """What the methods leave of sets left out, axis by axis."""
+        """Held-out errors of the methods, axis by axis."""
         words = []
         for axis, one in self.axes.items():
             before, left = (one.unseen[name].rms * 1e3 for name in (NONE, one.method))
@@ -149,7 +149,7 @@ class RegressionReport(Result):
         return f"rms on sets left out, {next(iter(self.axes.values())).unit}: " + ", ".join(words)
 
     def _table(self) -> Any:
-        """One row an axis and method."""
+        """One row per axis and method."""
         return [
             {
                 "axis": axis,
@@ -167,15 +167,15 @@ class RegressionReport(Result):
 
     @property
     def foreign_inputs(self) -> list[str]:
-        """What a thermal model of it would depend on and no pose of the pouring robot has, each with its unit."""
+        """Inputs of its thermal model that a pose of the pouring robot does not have, each with its unit."""
         places = zip(self.positions.names, self.positions.units, strict=True) if self.positions else ()
         return [f"{name} ({unit})" for name, unit in places if POSE_INPUTS.get(name) != unit]
 
     def model(self) -> ThermalModel:
-        """Return what a thermal-model file holds.
+        """Return the content of a thermal-model file.
 
         Raises:
-            BadInputError: the table holds angles, or does not say its direction.
+            BadInputError: the table holds angles, or its direction is unknown.
         """
         first = next(iter(self.axes.values())).table
         if first.kind != "length" or "" in self.axes:
@@ -201,10 +201,10 @@ def regress(
 ) -> RegressionReport:
     """Regress a table on temperature, direction by direction.
 
-    The sets are named ``P1_x`` … where the table holds several directions; ``axis`` is that of a table whose names do
-    not say it; of one whose names do, it alone is taken. ``positions``: where the sets were measured, one row a set in
-    the table's order (of each direction); ``method``: of :data:`METHODS`, by default the one that leaves least of sets
-    left out; one that is not known or needs positions raises BadInputError. ``selector``: settings of
+    The sets are named ``P1_x`` … where the table holds several directions. ``axis``: the direction of a table whose
+    names do not state it; of other tables only this direction is used. ``positions``: where the sets were measured, one
+    row per set in the table's order (of each direction). ``method``: one of :data:`METHODS`, by default the one with
+    the smallest held-out error; one that is unknown or lacks positions raises BadInputError. ``selector``: settings of
     :class:`SensitiveSetSelector`; more groups than sets raise TableError.
     """
     if method is not None and method not in METHODS:
@@ -216,7 +216,7 @@ def regress(
 
 
 def _refuse_tied(source: str, positions: Positions) -> None:
-    """Raise a TableError where inputs follow from each other at all poses: many lines over them fit alike."""
+    """Raise a TableError where inputs are linearly dependent over the poses: many lines over them fit equally well."""
     varied = np.flatnonzero(np.ptp(positions.values, axis=0) > 0.0)
     about = positions.values[:, varied] - positions.values[:, varied].mean(axis=0)
     _, sizes, ways = np.linalg.svd(about / np.ptp(about, axis=0), full_matrices=False)
@@ -228,10 +228,10 @@ def _refuse_tied(source: str, positions: Positions) -> None:
 
 
 def by_axis(table: ErrorTable, axis: str = "") -> dict[str, ErrorTable]:
-    """Return a table direction by direction: sets named ``P1_x``, ``P1_y`` … are P1 in x, in y.
+    """Return a table split by direction: sets named ``P1_x``, ``P1_y`` … are P1 in x, in y.
 
-    ``axis``: the direction of a table whose names say none, or the only one wanted of those they say. Names that do not
-    go together, or not with ``axis``, raise TableError.
+    ``axis``: the direction of a table whose names state none, or the only one wanted of those stated. Names that are
+    inconsistent, with each other or with ``axis``, raise TableError.
     """
     said = {name: name.rpartition("_")[2] for name in table.names if name.rpartition("_")[2] in AXES}
     if not said:
@@ -286,7 +286,7 @@ def read_positions(path: Path | str, names: tuple[str, ...]) -> Positions:
 
 
 def html_report(found: RegressionReport) -> str:
-    """Return the report as one page without any outside file."""
+    """Return the report as one page without external files."""
     source = Path(found.source)
     plot = Plot("Error that each method leaves on sets left out (RMS), by direction", svg_of(_figure(found)))
     title = f"Regression of {source.name}"
@@ -294,7 +294,7 @@ def html_report(found: RegressionReport) -> str:
 
 
 def blocks(found: RegressionReport) -> list[Block]:
-    """Return groups, degrees, formulas and what each method leaves of every direction, then what to beware of."""
+    """Return groups, degrees, formulas and residuals of each method for every direction, then warnings."""
     parts = [block for direction, one in found.axes.items() for block in _axis(direction, one)]
     return [*parts, *(Paragraph(f"note: {note}") for note in _warnings(found.axes))]
 
@@ -342,7 +342,7 @@ _UNLIKE = "poses err in opposite directions or too differently for one line"
 
 
 def _warnings(axes: dict[str, AxisRegression]) -> list[str]:
-    """Say where the regression does not help, and where the paper's would not."""
+    """Return warnings where the regression does not help, and where the paper's would not."""
     notes = []
     for direction, one in axes.items():
         where = f"direction {direction}: " if direction else ""

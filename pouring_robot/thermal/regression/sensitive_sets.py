@@ -1,8 +1,8 @@
 r"""Fuzzy clustering of error sets, and choice of a sensitive one a group, by grey relation, VIF guarding collinearity.
 
-Which poses answer to temperature alike: the paper (5.1.1) builds a fuzzy similarity matrix from correlation
+Which poses respond to temperature alike: the paper (5.1.1) builds a fuzzy similarity matrix from correlation
 coefficients, squares it by max–min composition until it no longer changes, and cuts it at a threshold λ. Its formulas
-were lost; these are the textbook's:
+were lost; these are from textbooks:
 
 .. math::
    r_{ij} = \left| \frac{\sum_k (x_{ik} - \bar x_i)(x_{jk} - \bar x_j)}
@@ -13,14 +13,14 @@ The entry ij of t(R) is the weakest link of the best path from i to j. Single li
 groups at the shortest edge between them, which is the longest edge of that same path: its cophenetic distances are 1 −
 t(R). So SciPy's linkage gives closure, groups and dendrogram at once.
 
-The paper's 5.2.2 (1) and (2): groups {P1} and {P2 … P10}; in the second P8 and P5 come into question, P5's VIF is a
-little lower, the grey degree of P8 is the largest, P8 is taken. The rule made of it here:
+The paper's 5.2.2 (1) and (2): groups {P1} and {P2 … P10}; in the second the candidates are P8 and P5, P5's VIF is a
+little lower, the grey degree of P8 is the largest, P8 is taken. The rule derived from this here:
 
 1. Groups are taken in order of size, the smallest first (it offers the least choice); equal ones by their first set.
-2. In each group the sets come into question whose VIF against all sets already chosen is below the limit, 10.
+2. Candidates in each group are the sets whose VIF against all sets already chosen is below the limit, 10.
 3. Of these the one with the largest grey relational degree to temperature is chosen; the first of equals.
-4. Where no set of a group passes the guard, the largest degree decides alone and ``guard_held_`` says so. Nothing is
-   refused: the principal components behind it stand collinear sets, which is what they are there for.
+4. Where no set of a group passes the VIF limit, the largest degree alone decides, and ``guard_held_`` says so. This is
+   no error: the principal components that follow can handle collinear sets, which is their purpose.
 
 The paper's figures agree with step 2: a first component of 96.99 % in two sets means λ1 = 1.9398 = 1 + r, so r =
 0.9398 between P1 and P8, and VIF = 1 / (1 − r²) = 8.56 < 10.
@@ -41,23 +41,23 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.thermal.regression.table import ErrorSetError, standardised
 
-# Closer to r = 1, or to temperature's trend, than this is rounding; a group or a degree made of it would be chance.
+# Closer to r = 1, or to temperature's trend, than this is rounding; a group or degree based on it would be chance.
 _SAME = 1e-12
 VIF_LIMIT = 10.0
-"""From here on collinearity is called serious (the paper's 5.1.3)."""
-# A set whose unexplained share is no larger is told exactly: what is left is rounding.
+"""From this value on collinearity is called serious (the paper's 5.1.3)."""
+# A set whose unexplained share is no larger is determined exactly: the rest is rounding.
 _EXACT = 1e-14
 
 
 def fuzzy_similarity(sets: ArrayLike, similarity: str = "absolute") -> FloatArray:
     """Return the fuzzy similarity of every two sets, from their correlation coefficient r.
 
-    Sets are rows, (k, n); numbers of the symmetric matrix (k, k) are in [0, 1], those on its diagonal 1. "absolute"
-    takes abs(r): a set that falls with temperature tells as much as one that rises; "shifted" (1 + r) / 2: opposite
-    sets are unlike.
+    Sets are rows, (k, n); values of the symmetric matrix (k, k) are in [0, 1], those on its diagonal 1. "absolute"
+    is abs(r): a set that falls with temperature is as informative as one that rises; "shifted" is (1 + r) / 2: opposite
+    sets are dissimilar.
 
     Raises:
-        ErrorSetError: a set is constant, or the similarity is not known.
+        ErrorSetError: a set is constant, or the similarity is unknown.
     """
     correlation = np.atleast_2d(np.corrcoef(standardised("error set", np.transpose(sets)), rowvar=False))
     if similarity not in {"absolute", "shifted"}:
@@ -74,9 +74,9 @@ class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
     An error table has its sets as columns: fit on ``table.errors.T``.
 
     Args:
-        n_clusters: cut where this many groups appear. Where equal similarities jump over that number, the cut with the
-            largest smaller number is taken, and ``n_clusters_`` tells. Not used with ``lambda_cut``.
-        lambda_cut: two sets are one group where t(R) ≥ λ, in [0, 1].
+        n_clusters: cut where this many groups appear. Where equal similarities skip that number, the cut with the
+            next smaller number is taken; ``n_clusters_`` is the result. Not used with ``lambda_cut``.
+        lambda_cut: two sets are in one group where t(R) ≥ λ, in [0, 1].
         similarity: as in :func:`fuzzy_similarity`.
     """
 
@@ -84,11 +84,11 @@ class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
         self.n_clusters, self.lambda_cut, self.similarity = n_clusters, lambda_cut, similarity
 
     def fit(self, X: ArrayLike, y: object = None) -> Self:
-        """Group the rows of X, shape (k, n), two numbers a row or more; y is not used.
+        """Group the rows of X, shape (k, n), with two or more values per row; y is not used.
 
         Raises:
-            ErrorSetError: a set is constant or a setting is out of its range.
-            ValueError: X is no table of finite numbers (scikit-learn's words).
+            ErrorSetError: a set is constant or a setting is out of range.
+            ValueError: X is not a table of finite numbers (scikit-learn's message).
         """
         rows = validate_data(self, X, dtype=np.float64, ensure_min_features=2)
         if self.lambda_cut is not None and not 0.0 <= self.lambda_cut <= 1.0:
@@ -106,28 +106,28 @@ class FuzzyClustering(ClusterMixin, BaseEstimator):  # type: ignore[misc]
         self.labels_, found = pd.factorize(labels)  # group of each set, from 0 in order of first appearance
         self.n_clusters_ = len(found)
         together = self.labels_[:, None] == self.labels_
-        # (low, high): the same groups come out for every λ with low < λ ≤ high
+        # (low, high): the groups are the same for every λ with low < λ ≤ high
         self.lambda_range_ = (float(self.closure_[~together].max(initial=0.0)), float(self.closure_[together].min()))
         return self
 
     def groups(self) -> list[list[int]]:
-        """Return the positions of the sets of each group."""
+        """Return the indices of the sets of each group."""
         return [np.flatnonzero(self.labels_ == group).tolist() for group in range(self.n_clusters_)]
 
 
 def grey_relational_degree(X: ArrayLike, y: ArrayLike) -> FloatArray:
-    r"""Return γ of every set, a column of X, (n, k), to temperature y, (n,): numbers in (0, 1], shape (k,).
+    r"""Return γ of every set, a column of X, (n, k), to temperature y, (n,): values in (0, 1], shape (k,).
 
-    Deng's formula (the paper's equation 10, which was lost), with the two extremes taken over all sets i and steps k
-    and the usual resolution η = 0.5:
+    Deng's formula (the paper's equation 10, which was lost), with the two extremes over all sets i and steps k and the
+    usual resolution η = 0.5:
 
     .. math::
        \xi_i(k) = \frac{\Delta_{\min} + \eta\,\Delta_{\max}}{\Delta_i(k) + \eta\,\Delta_{\max}}, \qquad
        \Delta_i(k) = |y'_k - x'_{ik}|, \qquad \gamma_i = \frac1n \sum_k \xi_i(k)
 
-    y' and x' are temperature and error without their units. How the paper took the units away is not said. Here each
-    series is spread from 0 to 1, so that neither the unit nor the temperature from which an error is counted changes
-    the degree; a set that falls with temperature is turned over first: only likeness of trends is asked for.
+    y' and x' are temperature and error without units. The paper does not say how it removed the units. Here each series
+    is scaled to 0 to 1, so that neither the unit nor the reference temperature of an error changes the degree. A set
+    that falls with temperature is inverted first: only the similarity of trends counts.
 
     A score function in scikit-learn's sense: ``SelectKBest(grey_relational_degree, k=2)``.
 
@@ -148,11 +148,11 @@ def grey_relational_degree(X: ArrayLike, y: ArrayLike) -> FloatArray:
 
 
 def variance_inflation_factors(X: ArrayLike, some: slice = slice(None)) -> FloatArray:
-    """Return the VIF of every set, or of some, against all others together, shape (k,), 1 or more; by statsmodels.
+    """Return the VIF of every set, or of some, against all others together, shape (k,), 1 or more; from statsmodels.
 
     It is 1/(1 − R²), with R² of the set regressed on the others (the paper's 5.1.3, whose formula was lost), infinite
-    where they tell it exactly, which they always do with no more than k rows. A table of two sets gives the paper's VIF
-    of a pair. X: sets as columns, shape (n, k), in any units.
+    where they determine it exactly, as they always do with no more than k rows. A table of two sets gives the paper's
+    VIF of a pair. X: sets as columns, shape (n, k), in any units.
 
     Raises:
         ErrorSetError: a set is constant.
@@ -164,7 +164,7 @@ def variance_inflation_factors(X: ArrayLike, some: slice = slice(None)) -> Float
         return np.ones(1)
     with_constant = np.column_stack([np.ones(len(scaled)), scaled])
     with np.errstate(divide="ignore"), warnings.catch_warnings():
-        # It warns of sets that the others tell exactly; they are told as infinite.
+        # It warns of sets that the others determine exactly; their VIF is infinite.
         warnings.simplefilter("ignore", UserWarning)
         asked = np.arange(1, with_constant.shape[1])[some]
         unexplained = 1.0 / np.array([variance_inflation_factor(with_constant, i) for i in asked])
@@ -176,7 +176,7 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
 
     Args:
         n_clusters, lambda_cut, similarity: as in :class:`FuzzyClustering`.
-        vif_limit: sets at or above it are passed over where the group has others; above 1.
+        vif_limit: sets at or above it are skipped where the group has others; above 1.
     """
 
     def __init__(
@@ -194,8 +194,8 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
         """Choose among the columns of X, shape (n, k) with n ≥ 3, by temperature y, shape (n,).
 
         Raises:
-            ErrorSetError: a set or the temperature is constant, or a setting is out of its range.
-            ValueError: X or y are no finite numbers (scikit-learn's words).
+            ErrorSetError: a set or the temperature is constant, or a setting is out of range.
+            ValueError: X or y are not finite numbers (scikit-learn's message).
         """
         sets, temperature = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=3)
         if not self.vif_limit > 1.0:
@@ -203,7 +203,7 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
         clustering = FuzzyClustering(self.n_clusters, lambda_cut=self.lambda_cut, similarity=self.similarity)
         self.grey_degrees_ = grey_relational_degree(sets, temperature)  # of every set, shape (k,)
         self.clustering_ = clustering.fit(sets.T)
-        # positions of the sets of each group, in the order the groups are taken
+        # indices of the sets of each group, in the order the groups are taken
         self.groups_ = sorted(clustering.groups(), key=lambda group: (len(group), group[0]))
         self.vif_ = np.ones(sets.shape[1])  # of every set against those chosen before its group's turn, shape (k,)
         chosen: list[int] = []
@@ -212,7 +212,7 @@ class SensitiveSetSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]
                 (self.vif_[i],) = variance_inflation_factors(sets[:, [*chosen, i]], slice(-1, None))
             passed = [i for i in group if self.vif_[i] < self.vif_limit] or group
             chosen.append(max(passed, key=lambda i: float(self.grey_degrees_[i])))
-        self.sensitive_ = np.array(chosen)  # position of the chosen set of each group, shape (g,)
+        self.sensitive_ = np.array(chosen)  # index of the chosen set of each group, shape (g,)
         self.guard_held_ = self.vif_[self.sensitive_] < self.vif_limit  # of each group
         return self
 

@@ -1,4 +1,4 @@
-"""A table of error sets: one row a melt temperature, one column a pose, read from a CSV whose headings carry units."""
+"""A table of error sets: one row per melt temperature, one column per pose, from a CSV with units in its headings."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
 
 
 KINDS = {unit: kind for kind in ("length", "angle") for unit in UNITS[kind]}
-"""Kind of each unit that an error or a place may have."""
+"""Kind of each unit that an error or a position may have."""
 _EMPTY = "the cell is missing; fill it or leave the line out"
 
 LEAST_ROWS = 3
 """Two temperatures always lie on a line; the third is the first that can contradict it."""
 
-# Below this share of its own size a column's range is rounding, not an answer to temperature.
+# Below this share of its own size a column's range is rounding, not a response to temperature.
 _FLAT = 1e-12
 
 
 class ErrorSetError(BadInputError, ValueError):
-    """Numbers that a regression cannot work on. A ValueError too, which is what scikit-learn's tools expect.
+    """Values that a regression cannot use. Also a ValueError, as scikit-learn's tools expect.
 
-    Functions and estimators of this folder raise it where a set or the temperature is constant, a setting is out of its
-    range, or a formula cannot be solved; of what is no table of finite numbers scikit-learn raises its own ValueError.
+    Functions and estimators in this folder raise it where a set or the temperature is constant, a setting is out of
+    range, or a formula cannot be solved; for other input than finite tables scikit-learn raises its own ValueError.
     """
 
 
@@ -44,15 +44,15 @@ class ErrorTable:
     """Errors of several poses at several melt temperatures.
 
     Raises:
-        TableError: shapes or names do not fit, numbers are not finite, fewer than three rows, temperatures below
-            0 K or not distinct, or a constant column; later, a name that is asked for is none of the table's.
+        TableError: shapes or names do not fit, numbers are not finite, there are fewer than three rows, temperatures
+            are below 0 K or not distinct, or a column is constant; later, a requested name is not in the table.
     """
 
     temperatures_K: FloatArray  # melt temperatures, shape (n,), all different, in the order they were given
     errors: FloatArray  # error of pose i at temperature j at [j, i], shape (n, k), in m or rad
     names: tuple[str, ...]  # names of the k error sets, without units
     kind: str = "length"  # "length" (m) or "angle" (rad)
-    source: str = "table of error sets"  # file the table came from, or a word for where it was made; errors name it
+    source: str = "table of error sets"  # file of the table, or a description of its origin; error messages name it
 
     def __post_init__(self) -> None:
         temperatures, errors = (np.array(numbers, dtype=float) for numbers in (self.temperatures_K, self.errors))
@@ -77,11 +77,11 @@ class ErrorTable:
 
     @property
     def temperature_column(self) -> FloatArray:
-        """Melt temperatures in K as scikit-learn wants them, shape (n, 1)."""
+        """Melt temperatures in K as scikit-learn expects them, shape (n, 1)."""
         return self.temperatures_K[:, None]
 
     def select(self, names: Sequence[str]) -> ErrorTable:
-        """Return the table of these sets only, in this order."""
+        """Return the table with only these sets, in this order."""
         for name in names:
             if name not in self.names:
                 raise TableError(self.source, f"holds no error set '{name}'; it has {', '.join(self.names)}")
@@ -89,7 +89,7 @@ class ErrorTable:
         return replace(self, errors=self.errors[:, columns], names=tuple(names))
 
     def without(self, names: Sequence[str]) -> ErrorTable:
-        """Return the table of all sets but these."""
+        """Return the table without these sets."""
         return self.select([name for name in self.names if name not in names])
 
     def frame(self) -> pd.DataFrame:
@@ -104,12 +104,12 @@ class ErrorTable:
         """Read a table from a CSV file in UTF-8, whose first line names the columns, each with its unit.
 
         One column is the temperature (``_degC`` or ``_K``); all others are error sets (``_um _mm _m`` or ``_mrad _deg
-        _rad``, not both kinds). Where several columns are temperatures, ``temperature_column`` says which one counts,
-        and the others are left out. Lines with nothing in them are passed over.
+        _rad``, not both kinds). Where several columns are temperatures, ``temperature_column`` selects one, and the
+        others are ignored. Empty lines are skipped.
 
         Raises:
-            TableError: the file cannot be read, a heading is doubled, without unit or of an unknown one, a cell is
-                missing or no finite number, a line is too long, or as the constructor.
+            TableError: the file cannot be read, a heading is duplicated or has no or an unknown unit, a cell is
+                missing or not a finite number, a line is too long, or as for the constructor.
         """
         table = read_table(path, "melt_degC,P1_mm,P2_mm")
         temperature, sets, kind = _sort_headings(table, temperature_column)
@@ -122,7 +122,7 @@ class ErrorTable:
         return cls(temperatures, np.column_stack(errors), tuple(name for _, name, _ in sets), kind, str(path))
 
     def csv(self) -> str:
-        """Return the table as CSV: columns ``melt_degC`` and each set in mm or mrad, 17 digits."""
+        """Return the table as CSV: columns ``melt_degC`` and each set in mm or mrad, with 17 digits."""
         unit = "mm" if self.kind == "length" else "mrad"
         frame = self.frame().mul(1e3).add_suffix(f"_{unit}")
         frame.insert(0, "melt_degC", self.temperatures_K - ZERO_CELSIUS_K)
@@ -130,7 +130,7 @@ class ErrorTable:
 
 
 def _flat(columns: FloatArray) -> BoolArray:
-    """Return which columns are constant but for rounding."""
+    """Return which columns are constant except for rounding."""
     return np.asarray(np.ptp(columns, axis=0) <= _FLAT * np.abs(columns).max(axis=0))
 
 
@@ -148,7 +148,7 @@ def standardised(name: str, numbers: ArrayLike) -> FloatArray:
 
 
 def _sort_headings(table: Table, wanted: str | None) -> tuple[int, list[tuple[int, str, str]], str]:
-    """Return the position of the temperature; position, name and unit of every set; and their kind."""
+    """Return the index of the temperature column; index, name and unit of every set; and their kind."""
     table.refuse_doubled()
     temperatures, sets, kinds = [], [], {}
     for i, heading in enumerate(table.headings):
@@ -177,7 +177,7 @@ def _sort_headings(table: Table, wanted: str | None) -> tuple[int, list[tuple[in
 
 
 def _check_distinct(source: Any, temperatures: FloatArray, lines: list[int] | None = None) -> None:
-    """Raise a TableError when two temperatures are the same to 1e-9 K."""
+    """Raise a TableError where two temperatures are the same to 1e-9 K."""
     order = np.argsort(temperatures, kind="stable")
     same = np.flatnonzero(np.diff(temperatures[order]) < 1e-9)
     if same.size:

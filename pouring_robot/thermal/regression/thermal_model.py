@@ -1,4 +1,4 @@
-"""A regression's result as a file: what heat adds to a pose, from the melt's temperature alone.
+"""A regression's result as a file: the displacement by heat at a pose, from the melt's temperature alone.
 
     format: pouring_robot/thermal_model/1
     source: error_sets.csv
@@ -31,24 +31,24 @@ from pouring_robot.mechanism.arrays import FloatArray, rms
 from pouring_robot.thermal.regression.table import ErrorTable
 
 AXES = ("x", "y", "z")
-_SAME = 1e-9  # degC, m or rad: rounding
+_SAME = 1e-9  # degC, m or rad: smaller is rounding
 _SHOWN = {"melt": (1.0, "degC"), **dict.fromkeys(AXES, (MM, "mm")), "tilt": (math.pi / 180.0, "deg")}
 POSE_INPUTS = {"x": "m", "y": "m", "z": "m", "tilt": "rad"}
-"""Inputs that a pose of the pouring robot has, and their units; a model over others is for Python alone."""
+"""Inputs that a pose of the pouring robot has, and their units; a model with other inputs is for Python only."""
 
 
 @dataclass(frozen=True, eq=False)
 class Positions:
-    """Where the sets of a table were measured."""
+    """The positions where the sets of a table were measured."""
 
     names: tuple[str, ...]  # of the inputs, such as ``x``
     units: tuple[str, ...]  # ``m`` or ``rad`` of each
-    values: FloatArray  # shape (k, f), in m and rad, one row a set
-    # lowest and highest of everything that is known of the poses, in m and rad, of what is one and the same, too
+    values: FloatArray  # shape (k, f), in m and rad, one row per set
+    # lowest and highest value of every known input, in m and rad, including constant ones
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def rows(self, kept: Sequence[int]) -> Self:
-        """Return those of some of the sets."""
+        """Return the positions of some of the sets."""
         return replace(self, values=self.values[kept])
 
 
@@ -62,7 +62,7 @@ class ErrorLine:
     # C, shape (2, 1 + f), in m or rad, per K in the second row, per unit of the input after the first column
     coefficients: FloatArray
     temperature_K: float  # T_0
-    centre: FloatArray  # p_0, shape (f,), in m and rad; empty where the pose does not count
+    centre: FloatArray  # p_0, shape (f,), in m and rad; empty where the line does not depend on the pose
 
     @classmethod
     def straight(cls, intercept: float, slope: float, temperature_K: float) -> Self:
@@ -71,7 +71,7 @@ class ErrorLine:
 
     @classmethod
     def of_pose(cls, table: ErrorTable, positions: Positions) -> Self:
-        """Fit offset and slope over the poses by least squares; too few sets for the inputs raise TableError."""
+        """Fit offset and slope over the poses by least squares; raises TableError for too few sets for the inputs."""
         count, inputs = positions.values.shape
         if count < inputs + 2:
             raise TableError(table.source, f"a line over {inputs} inputs takes {inputs + 2} sets or more, not {count}")
@@ -95,7 +95,7 @@ def _with_ones(columns: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class ResidualStatistics:
-    """What a prediction leaves of errors, in m or rad: mean, sample standard deviation and RMS of all residuals."""
+    """Statistics of a prediction's residuals, in m or rad: mean, sample standard deviation and RMS."""
 
     mean: float
     spread: float
@@ -103,23 +103,23 @@ class ResidualStatistics:
 
     @classmethod
     def of(cls, residuals: FloatArray) -> Self:
-        """Take them from residuals of any shape."""
+        """Compute them from residuals of any shape."""
         return cls(float(residuals.mean()), float(residuals.std(ddof=1)), rms(residuals))
 
 
 class AxisModel(StrictModel):
-    """The line of one axis: how it was found, and C, in m, per K in the second row, per m or rad of the inputs."""
+    """The line of one axis: its method, and C, in m, per K in the second row, per m or rad of the inputs."""
 
     method: str
     coefficients: tuple[tuple[float, ...], tuple[float, ...]]
 
 
 class ThermalModel(StrictModel):
-    """What heat adds to the position of the end frame.
+    """The displacement of the end frame by heat.
 
     Keys as in the file; ``melt_degC`` and ``ranges``: lowest and highest temperature of the table it was fitted to, and
-    of its poses, m and rad. An axis that is not named is taken for free of error. A file that is missing or wrong
-    raises DescriptionError, which names file, line and key; a pose without one of the inputs BadInputError.
+    of its poses, m and rad. An axis that is not named has no error. A file that is missing or wrong raises
+    DescriptionError, which names file, line and key; a pose without one of the inputs raises BadInputError.
     """
 
     format: Literal["pouring_robot/thermal_model/1"] = "pouring_robot/thermal_model/1"
@@ -151,7 +151,7 @@ class ThermalModel(StrictModel):
         """Write the file.
 
         Raises:
-            OutputError: it cannot be written, or is there already and ``overwrite`` is not set.
+            OutputError: it cannot be written, or exists already and ``overwrite`` is not set.
         """
         import yaml
 
@@ -159,9 +159,9 @@ class ThermalModel(StrictModel):
         return write_whole(path, text, overwrite=overwrite)
 
     def displacement_m(self, melt_degC: float, pose: Mapping[str, float]) -> FloatArray:
-        """Return what heat adds to the position, shape (3,), in m, at a temperature of the melt and a pose.
+        """Return the displacement by heat, shape (3,), in m, at a temperature of the melt and a pose.
 
-        ``pose``: the inputs by name, in m and rad; others are not looked at.
+        ``pose``: the inputs by name, in m and rad; others are ignored.
         """
         missing = [name for name in self.inputs if name not in pose]
         if missing:
@@ -175,7 +175,7 @@ class ThermalModel(StrictModel):
         return moved
 
     def beyond(self, melt_degC: float, pose: Mapping[str, float]) -> list[str]:
-        """Return in words what of a temperature and a pose, m and rad by name, lies outside what it was fitted to."""
+        """Return descriptions of the values of a temperature and a pose (m, rad) outside the range of the fit."""
         asked = {"melt": (melt_degC, self.melt_degC)}
         asked |= {name: (pose[name], bounds) for name, bounds in self.ranges.items() if name in pose}
         found = []
