@@ -1,7 +1,7 @@
 """Tolerance studies: one-at-a-time sensitivities, Monte Carlo, Sobol indices, and the loosest tolerances.
 
-``sweep("sweep.yaml", "results")`` computes chunk by chunk, goes on after a kill with ``resume=True``, and returns what
-was found: ``.headline``, ``.ranking``, ``.to_dataset().displacement``, ``.save()``. A sweep file to start from:
+``sweep("sweep.yaml", "results")`` computes chunk by chunk, continues after a kill with ``resume=True``, and returns the
+results: ``.headline``, ``.ranking``, ``.to_dataset().displacement``, ``.save()``. A sweep file to start from is
 examples/sweep.yaml. ``SweepPlan.load("sweep.yaml")`` checks everything and computes nothing.
 """
 

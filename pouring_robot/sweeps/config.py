@@ -1,4 +1,4 @@
-"""The sweep file: which errors, of which size, at which poses. It is kept in mm and mrad, as people write it."""
+"""The sweep file: which errors, of which size, at which poses. Values stay in mm and mrad, as people write them."""
 
 import functools
 from collections.abc import Callable
@@ -21,7 +21,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 Grouping = Literal["parameter", "part", "entry"]
 
 NORMAL_TOLERANCE_SIGMAS, WITHIN_IT = 3.0, 0.9973
-"""The tolerance that belongs to an untruncated normal distribution, in standard deviations, and the share within it."""
+"""The tolerance assigned to an untruncated normal distribution, in standard deviations, and the share within it."""
 _MOST_POSES = 1_000_000
 Places = Annotated[int, pydantic.Field(ge=1, le=10_000)]
 
@@ -38,7 +38,7 @@ class Margin:
 def _truncated(std: float, limit: float) -> Margin:
     cut = limit / std
     inside = scipy.special.erf(cut / np.sqrt(2.0))
-    # The second moment within the cut over the share within it: of positive terms, so that a short cut loses no digits.
+    # Second moment within the limits over the share within them: positive terms, so narrow limits lose no digits.
     variance = scipy.special.gammainc(1.5, 0.5 * cut**2) / inside
     return Margin(limit, std * float(np.sqrt(variance)), functools.partial(_within, std, inside))
 
@@ -48,7 +48,7 @@ def _evenly(half_width: float, deviates: FloatArray) -> FloatArray:
 
 
 def _within(std: float, inside: float, deviates: FloatArray) -> FloatArray:
-    # erf keeps small deviates exact, where 1 - ndtr would round them.
+    # erf is exact for small deviates, where 1 - ndtr would round them.
     return np.asarray(std * np.sqrt(2.0) * scipy.special.erfinv(_evenly(inside, deviates)))
 
 
@@ -61,20 +61,20 @@ DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Margin]]] = {
 
 
 class ErrorEntry(StrictModel):
-    """Errors that are distributed alike."""
+    """Errors with the same distribution."""
 
     # names or patterns such as ``alpha_e*_56``, ``leg1_s1.t?``, ``drive.*``
     parameters: tuple[str, ...] = pydantic.Field(min_length=1)
     distribution: str = "uniform"  # a name of ``DISTRIBUTIONS``
-    # of the uniform distribution, for lengths; ``half_width_mrad`` for angles, here and below
+    # half width of the uniform distribution, for lengths; ``half_width_mrad`` for angles, and likewise below
     half_width_mm: PositiveFloat | None = None
     half_width_mrad: PositiveFloat | None = None
     std_mm: PositiveFloat | None = None  # standard deviation of the normal distribution, before truncation
     std_mrad: PositiveFloat | None = None
-    limit_mm: PositiveFloat | None = None  # where the normal distribution is cut off on both sides
+    limit_mm: PositiveFloat | None = None  # where the normal distribution is truncated on both sides
     limit_mrad: PositiveFloat | None = None
-    # of the normal deviates behind the errors of one part, 0 to 1. Between normal errors it is the correlation itself,
-    # between uniform ones r it is (6/π) asin(r/2), at most 0.02 less
+    # correlation r of the normal deviates behind the errors of one part, 0 to 1. Between normal errors it is their
+    # correlation; between uniform ones that is (6/π) asin(r/2), at most 0.02 less
     correlation: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
 
     @pydantic.field_validator("parameters", mode="before")
@@ -109,13 +109,13 @@ class ErrorEntry(StrictModel):
         return None if value is None else MM * float(value)
 
     def margin(self, unit: str) -> Margin:
-        """Return how its errors in a unit, m or rad, are distributed."""
+        """Return the distribution of its errors in a unit, m or rad."""
         sizes, made = DISTRIBUTIONS[self.distribution]
         return made(*(self.size_si(size, unit) for size in sizes))
 
 
 class Box(StrictModel):
-    """A part of the workspace, by lower and upper limits; what is left out is as in the layout."""
+    """A part of the workspace, by lower and upper limits; limits that are left out are those of the layout."""
 
     x_mm: Range | None = None
     y_mm: Range | None = None
@@ -123,7 +123,7 @@ class Box(StrictModel):
     tilt_deg: Range | None = None
 
     def limits(self, layout: ArrayLike) -> FloatArray:
-        """Return lower and upper limits of x, y, z and tilt, shape (2, 4), in m and rad, from those of the layout."""
+        """Return lower and upper limits of x, y, z and tilt, shape (2, 4), in m and rad; ``layout``: its limits."""
         limits = np.array(layout)
         for k, pair in enumerate((self.x_mm, self.y_mm, self.z_mm, self.tilt_deg)):
             if pair is not None:
@@ -132,7 +132,7 @@ class Box(StrictModel):
 
 
 class Grid(StrictModel):
-    """So many places along each axis of a box, evenly spaced, both ends included; the middle where it is one."""
+    """A number of values along each axis of a box, evenly spaced including both ends; one value is the middle."""
 
     x: Places = 1
     y: Places = 1
@@ -149,7 +149,7 @@ class Grid(StrictModel):
 
 
 class RandomBox(StrictModel):
-    """So many poses drawn evenly from a box."""
+    """A number of poses drawn uniformly from a box."""
 
     count: int = pydantic.Field(ge=1, le=_MOST_POSES)
     seed: NonNegativeInt = 0
@@ -157,7 +157,7 @@ class RandomBox(StrictModel):
 
 
 class Poses(StrictModel):
-    """Where the robot is sent: one of the three; a file is a CSV with columns x, y, z, tilt, units in the names."""
+    """Commanded poses: one of the three; a file is a CSV with columns x, y, z, tilt and units in their names."""
 
     grid: Grid | None = None
     random: RandomBox | None = None
@@ -174,40 +174,40 @@ class Allocation(StrictModel):
     """The loosest tolerances that keep the requirement."""
 
     share: float = pydantic.Field(default=WITHIN_IT, gt=0.5, lt=1.0)  # of the robots that must meet it at each pose
-    # whether each parameter, each part or each entry of ``errors`` gets a tolerance factor of its own
+    # whether each parameter, each part or each entry of ``errors`` gets a separate tolerance factor
     by: Grouping = "parameter"
-    loosest_factor: PositiveFloat = 10.0  # no tolerance grows beyond this many times the one in ``errors``
+    loosest_factor: PositiveFloat = 10.0  # largest ratio of a tolerance to the one in ``errors``
     machines: int = pydantic.Field(default=1000, ge=1)  # robots drawn to verify the result by exact closures
 
 
 class SweepConfig(StrictModel):
     """A sweep file; files that it names are relative to its folder.
 
-    What is wrong with it raises BadInputError; if it was read from a file, DescriptionError, which names line and key.
+    Wrong content raises BadInputError; if it was read from a file, DescriptionError, which names line and key.
     """
 
     format: Literal["pouring_robot/sweep/1"] = "pouring_robot/sweep/1"
     description: str = ""  # a line for people
     layout: str | None = None  # name of the layout in the shipped dimensions file; or
     robot: str | None = None  # robot file of another robot; or
-    model: str | None = None  # model file of a robot as built; errors come on top of its own
+    model: str | None = None  # model file of a robot as built; errors are added to its own
     # ``one_at_a_time`` sets each error alone to its tolerance; ``monte_carlo`` draws robots; ``sobol`` draws robots by
     # Saltelli's scheme for Sobol indices
     study: Literal["one_at_a_time", "monte_carlo", "sobol"]
-    # ``closed_chain``, or ``open_branch``: the chain of the errors alone, its joints held, as in the paper
+    # ``closed_chain``, or ``open_branch``: only the chain with the errors, its joints held, as in the paper
     kind: Literal["closed_chain", "open_branch"] = "closed_chain"
-    # observed frames, rigid on the end body; by default the working frame and the end frame
+    # observed frames, fixed to the end body; by default the working frame and the end frame
     frames: tuple[str, ...] = ()
-    poses: Poses  # where the robots are sent. Every robot goes to every pose
-    errors: tuple[ErrorEntry, ...] = ()  # what may be wrong; by default all of the geometry, by its tolerances
+    poses: Poses  # commanded poses; every robot goes to every pose
+    errors: tuple[ErrorEntry, ...] = ()  # possible errors; by default all of the geometry, by its tolerances
     tolerances: str | None = None  # a tolerances file for that (default: the robot's own, or the shipped one)
     # number of robots (monte_carlo) or of base samples, a power of two (sobol)
     samples: int | None = pydantic.Field(default=None, ge=1)
     seed: NonNegativeInt = 0  # of the draws
-    # closures computed and written at a time; bounds the memory, changes no number
+    # closures computed and written at a time; limits memory, does not change results
     chunk: int = pydantic.Field(default=20_000, ge=1, le=1_000_000)
-    accuracy_mm: PositiveFloat | None = None  # required; by default that of the layout, which other robots do not have
-    allocation: Allocation | None = None  # if given, the loosest tolerances are sought
+    accuracy_mm: PositiveFloat | None = None  # required accuracy; by default that of the layout, for the pouring robot
+    allocation: Allocation | None = None  # if given, the loosest tolerances are computed
 
     _folder: Path = pydantic.PrivateAttr(default_factory=Path)
     _source: Path | None = pydantic.PrivateAttr(default=None)
@@ -246,18 +246,18 @@ class SweepConfig(StrictModel):
         return config
 
     def with_robot(self, robot: Path | str) -> Self:
-        """Return the same for another robot, by its robot file."""
+        """Return the same sweep for another robot, by its robot file."""
         if self.layout is not None or self.model is not None:
             raise self.problem("names a layout or a model; leave that out with --robot")
         return self.model_copy(update={"robot": str(Path(robot).absolute())})
 
     @property
     def source(self) -> Path | None:
-        """The file it was read from, if it was."""
+        """The file it was read from, if any."""
         return self._source
 
     def problem(self, message: str, entry: int | None = None) -> BadInputError:
-        """Return the error that says what is wrong with the file, or with one of its ``errors``; to be raised."""
+        """Return the error, to be raised, for a problem with the file or with one of its ``errors``."""
         if self._source is None:
             return BadInputError(message)
         line = f"line {self._lines[entry]}: errors.{entry}: " if entry is not None and self._lines else ""

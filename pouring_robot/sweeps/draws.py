@@ -1,15 +1,15 @@
-r"""The parameters of a sweep: those of the catalogue that its file names, their values, and what these do to joints.
+r"""The parameters of a sweep: those of the catalogue that its file names, their values, and their effect on joints.
 
-All of them act on top of the robot as it is: DH errors first, exactly as
-:meth:`~pouring_robot.robot.dh.table.DHTable.placement_errors` has them, then placement errors.
+All of them are added to the robot as it is: DH errors first, exactly as in
+:meth:`~pouring_robot.robot.dh.table.DHTable.placement_errors`, then placement errors.
 
-Every error is a monotone function of one standard normal deviate z, so that correlation is the same notion for all
+Every error is a monotone function of one standard normal deviate z, so that correlation has the same meaning for all
 distributions (a Gaussian copula). Errors of one part share a deviate c:
 
 .. math:: z_k = \sqrt{\rho}\, c + \sqrt{1-\rho}\, n_k
 
-Numbers depend on the seed and the sample's index alone: samples are drawn in blocks of fixed size, each with a
-spawn key of its own (:func:`pouring_robot.io.seeds.spawned`). Neither chunks nor workers change them.
+Values depend on the seed and the sample's index only: samples are drawn in blocks of fixed size, each with its own
+spawn key (:func:`pouring_robot.io.seeds.spawned`). Chunks and workers do not change them.
 """
 
 import functools
@@ -36,15 +36,15 @@ BLOCK = 256
 
 @dataclass(frozen=True)
 class SweepParameter(Parameter):
-    """A parameter of a sweep, and which of the sweep file's ``errors`` it comes from."""
+    """A parameter of a sweep, and the entry of the sweep file's ``errors`` from which it comes."""
 
     entry: int = 0
 
 
 def completed(config: SweepConfig, catalogue: ParameterCatalogue, robot: RobotDefinition) -> SweepConfig:
-    """Return a sweep file with what it leaves to the robot: observed frames, and errors by tolerances.
+    """Return a sweep file completed with defaults of the robot: observed frames, and errors by tolerances.
 
-    Every kind of error is an entry of its own, normal with the standard deviation of its tolerance.
+    Every kind of error is a separate entry, normal with the standard deviation of its tolerance.
 
     Raises:
         DescriptionError: the tolerances file is wrong.
@@ -69,8 +69,8 @@ def select(catalogue: ParameterCatalogue, config: SweepConfig) -> tuple[SweepPar
     """Return the parameters of a sweep in the order of its ``errors``.
 
     Raises:
-        BadInputError: a name matches nothing, a parameter is given twice or has no size of its unit, or a size is of
-            the unit of no parameter.
+        BadInputError: a name matches nothing, a parameter is given twice or has no size in its unit, or a size is in
+            a unit of no parameter.
     """
     chosen: dict[str, SweepParameter] = {}
     for number, entry in enumerate(config.errors):
@@ -93,7 +93,7 @@ def select(catalogue: ParameterCatalogue, config: SweepConfig) -> tuple[SweepPar
 
 
 class ErrorMap:
-    """Turns arrays of values of parameters, which are their columns, into placement errors and drive errors."""
+    """Converts arrays of parameter values, a column per parameter, into placement errors and drive errors."""
 
     def __init__(self, catalogue: ParameterCatalogue, parameters: Sequence[Parameter]) -> None:
         self.joints = catalogue.joints
@@ -112,13 +112,13 @@ class ErrorMap:
                 self._placements.append((k, site[p.local.joint], p.local.twist.index(1.0)))
 
     def drive_errors(self, values: FloatArray) -> FloatArray:
-        """Return the errors of the drives in m and rad, shape (n, drives), for values (n, parameters)."""
+        """Return the errors of the drives, in m and rad, shape (n, drives), for values (n, parameters)."""
         return np.asarray(values @ self._drive_columns)
 
     def placement_errors(self, values: FloatArray) -> FloatArray:
         """Return the displacement of every joint of :attr:`joints` for values (n, parameters) in m and rad.
 
-        Translation in m and rotation vector in rad in the joint's placement frame, shape (n, joints, 6).
+        They are translation in m and rotation vector in rad in the joint's placement frame, shape (n, joints, 6).
         """
         errors = np.zeros((len(values), len(self.joints), 6))
         for column, site, component in self._placements:
@@ -143,13 +143,13 @@ class ErrorMap:
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """The errors of all samples, computed where they are needed."""
+    """The errors of all samples, computed when they are needed."""
 
     study: str
     seed: int
     count: int  # number of samples in all
     margins: tuple[Margin, ...]  # distribution of every parameter
-    parts: tuple[int, ...]  # number of the part that each parameter is measured on, shape (parameters,)
+    parts: tuple[int, ...]  # index of each parameter's part, shape (parameters,)
     shared: FloatArray  # weight of the part's common deviate, the root of the correlation, shape (parameters,)
 
     @classmethod
@@ -180,7 +180,7 @@ class Draws:
         return np.concatenate(blocks)[first - start : last - start]
 
     def _saltelli(self, first: int, last: int) -> FloatArray:
-        """Return rows of the matrix that SALib's sampler would build whole: A, A with one column of B each, B."""
+        """Return rows of the matrix that SALib's sampler would build at once: A, A with one column of B each, B."""
         count = len(self.margins)
         base = sobol_points(count, self.count // (count + 2), self.seed)
         point, place = np.divmod(np.arange(first, last), count + 2)

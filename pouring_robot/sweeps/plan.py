@@ -1,6 +1,6 @@
-"""A sweep made ready: the file resolved against the robot, cut into chunks, each of which can be computed anywhere.
+"""A prepared sweep: the file resolved for the robot, divided into chunks that can each be computed anywhere.
 
-It commands a grid, draws, or a list, all within the robot's reach.
+Its commands are a grid, random poses or a list, all within the robot's reach.
 """
 
 import functools
@@ -38,7 +38,7 @@ _MOST_ROUNDS = 20
 
 @dataclass(frozen=True)
 class Chunk:
-    """A block of robots (samples) at a block of poses, and its place by both."""
+    """A block of robots (samples) at a block of poses, and its index by both."""
 
     index: tuple[int, int]
     samples: slice
@@ -47,10 +47,10 @@ class Chunk:
 
 @dataclass(frozen=True, eq=False)
 class ChunkResult:
-    """What one chunk found; NaN where the status is not 0."""
+    """Results of one chunk; NaN where the status is not 0."""
 
-    displacement: FloatArray  # with the errors minus without them, shape (samples, poses, frames, 3), in m
-    rotation: FloatArray  # rotation vector of that, shape (samples, poses, 3), in rad
+    displacement: FloatArray  # with minus without the errors, shape (samples, poses, frames, 3), in m
+    rotation: FloatArray  # the same as rotation vector, shape (samples, poses, 3), in rad
     gap_m: FloatArray  # largest distance left open in a loop, shape (samples, poses)
     gap_rad: FloatArray  # largest angle, of the same shape
     status: ByteArray  # see :data:`~pouring_robot.sweeps.store.STATUS_NAMES`, of the same shape
@@ -59,11 +59,11 @@ class ChunkResult:
 
 
 class SweepPlan:
-    """A sweep, ready to be computed; ``threads`` share the work of a chunk, None: all there are.
+    """A sweep, ready to be computed; ``threads`` share the work of a chunk, None: all available.
 
     Raises:
-        BadInputError: a name in it does not fit the robot, correlated errors would fall into different groups, or a
-            file that it names is wrong.
+        BadInputError: a name in it does not fit the robot, correlated errors would be in different groups, or a file
+            that it names is wrong.
         UnreachablePoseError: a pose is out of reach.
     """
 
@@ -90,7 +90,7 @@ class SweepPlan:
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
-        """Read a sweep file and make it ready.
+        """Read a sweep file and prepare it.
 
         Raises:
             DescriptionError: the file is wrong; or as the constructor.
@@ -98,17 +98,17 @@ class SweepPlan:
         return cls(SweepConfig.load(path))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what pickle sends: compiled engines stay at home, files need not exist elsewhere."""
+        """Return the state to pickle: without compiled engines; files need not exist elsewhere."""
         return {name: value for name, value in self.__dict__.items() if name not in {"engine", "error_map"}}
 
     @property
     def off(self) -> str:
-        """What displacements are, in words: a model's robot moves from where it stands without the sweep's errors."""
+        """What displacements are, in words: those of a model's robot are from its pose without the sweep's errors."""
         return "off" if self.config.model is None else f"off its place in {Path(self.config.model).name}"
 
     @functools.cached_property
     def own_error_m(self) -> float | None:
-        """How far the robot without the sweep's errors is from where it is commanded, at its first frame, at most.
+        """Largest distance of the robot without the sweep's errors from its commanded poses, at its first frame.
 
         None where it closes at no pose.
         """
@@ -134,18 +134,18 @@ class SweepPlan:
             yield self.chunk(index)
 
     def chunk(self, index: tuple[int, int]) -> Chunk:
-        """Return the chunk at a place of the grid."""
+        """Return the chunk at an index of the grid."""
         blocks = zip(index, (self.sample_block, self.pose_block), (self.draws.count, len(self.poses)), strict=True)
         return Chunk(index, *(slice(k * size, min((k + 1) * size, count)) for k, size, count in blocks))
 
     def compute(self, chunk: Chunk) -> ChunkResult:
-        """Compute one chunk; the numbers depend on the plan and the chunk alone."""
+        """Compute one chunk; the results depend on the plan and the chunk only."""
         return self.moved(self.draws.values(chunk.samples.start, chunk.samples.stop), self.poses[chunk.poses])
 
     def moved(self, values: FloatArray, poses: BatchCommand) -> ChunkResult:
-        """Return how errors (robots, parameters), in m and rad, move robots at poses, by exact closures.
+        """Return the displacements of robots at poses by errors (robots, parameters), in m and rad, by exact closures.
 
-        From where a robot has moved nobody knows if it does not close without the errors: that pose has no solution.
+        A pose at which the robot does not close without the errors has no reference and so no solution.
         """
         position, axes = poses.start.position, poses.start.rotation  # without the errors of the sweep
         status_without = np.full(len(poses), CLOSED, dtype=np.uint8)
@@ -157,7 +157,7 @@ class SweepPlan:
         found = closed.position.reshape(*shape, 1, 3) + np.einsum("spij,fj->spfi", rotation, offsets)
         moved = np.asarray(found - (position[:, None] + np.einsum("pij,fj->pfi", axes, offsets)))
         turned = rotation_vectors(rotation, since=axes)
-        loops = closed.residual.shape[1]  # none of a serial arm
+        loops = closed.residual.shape[1]  # zero for a serial arm
         gaps = np.linalg.norm(closed.residual.reshape(*shape, loops, 2, 3), axis=-1).max(axis=2, initial=0.0)
         status = closed.status.reshape(shape)
         status = np.where(status == CLOSED, status_without, status)
@@ -165,11 +165,11 @@ class SweepPlan:
         return ChunkResult(moved, turned, gaps[..., 0], gaps[..., 1], status, values, pouring_robot.__version__)
 
     def within(self, status: ByteArray, distance_m: FloatArray) -> BoolArray:
-        """Return which samples (...) keep the required accuracy; what has no solution is not within."""
+        """Return which samples (...) keep the required accuracy; those without a solution do not."""
         return np.asarray((status == CLOSED) & (distance_m <= self.accuracy_m))
 
     def groups(self, by: Grouping) -> tuple[int, ...]:
-        """Return for each parameter the number of the group whose tolerances are scaled together."""
+        """Return for each parameter the index of its group, whose tolerances are scaled together."""
         keys = [{"parameter": p.name, "part": p.part, "entry": str(p.entry)}[by] for p in self.parameters]
         names = list(dict.fromkeys(keys))
         owner: dict[str, str] = {}
@@ -182,10 +182,10 @@ class SweepPlan:
         return tuple(names.index(key) for key in keys)
 
     def closed(self, values: FloatArray, poses: BatchCommand) -> BatchClosure:
-        """Return robots with errors (robots, parameters; m, rad) closed at poses: all of the first robot's come first.
+        """Return robots with errors (robots, parameters; m, rad) closed at poses, robot by robot.
 
-        An open branch is the chain alone that holds a robot's errors, its joints held where the nominal robot has them:
-        what the paper's Section 4 studies.
+        An open branch is only the chain with the robot's errors, its joints held at the nominal robot's values, as in
+        the paper's Section 4.
         """
         engine, robots = self.engine, len(values)
         robot, pose = (index.ravel() for index in np.indices((robots, len(poses))))
@@ -198,23 +198,23 @@ class SweepPlan:
         if self.config.kind == "open_branch":
             assert isinstance(engine, CompiledEngine)  # only a star has a DH table of its chains
             chains = np.array([p.chain - 1 for p in self.parameters])
-            own = chains[(values != 0.0).argmax(axis=1)]  # all errors of a robot lie in one
+            own = chains[(values != 0.0).argmax(axis=1)]  # all errors of a robot are in one
             return engine.carry(own[robot], drives, poses.start[pose], of_all)
         return engine.close(drives, poses.start[pose], of_all)
 
     @functools.cached_property
     def error_map(self) -> ErrorMap:
-        """What parameter values do to the joints."""
+        """Map from parameter values to errors of joints and drives."""
         return ErrorMap(self.catalogue, self.parameters)
 
     @functools.cached_property
     def engine(self) -> Engine:
-        """What closes robots."""
+        """Engine that closes robots."""
         return engine_for(self.mechanism, self.threads)
 
     @functools.cached_property
     def content(self) -> dict[str, Any]:
-        """Everything the numbers depend on, and how they are laid out; texts of files as SHA-256."""
+        """Everything that results and their layout depend on; texts of files as SHA-256."""
         told_otherwise = {"description", "allocation", "accuracy_mm", "model", "robot"}
         config = self.config.model_dump(mode="json", exclude=told_otherwise)
         said = {"drive_offsets": self.model.drive_offset_values(), "home": self.model.definition.file.home}
@@ -230,12 +230,12 @@ class SweepPlan:
 
     @functools.cached_property
     def content_hash(self) -> str:
-        """SHA-256 of :attr:`content`: two plans with the same one give the same numbers."""
+        """SHA-256 of :attr:`content`: two plans with the same hash give the same results."""
         return _digest(json.dumps(self.content, sort_keys=True).encode())
 
     @property
     def closing(self) -> BatchCommand:
-        """The poses at which the robot closes without the errors of the sweep: of the drawing all."""
+        """Poses at which the robot closes without the errors of the sweep; all for the nominal robot."""
         return self.poses if self.config.model is None else self.poses[np.flatnonzero(self._without.closed)]
 
     @functools.cached_property
@@ -281,11 +281,11 @@ def _digest(content: bytes) -> str:
 
 
 def sweep_commands(config: SweepConfig, robot: Robot) -> BatchCommand:
-    """Return the commands of a sweep, with their drive values and the drawing's closed poses.
+    """Return the commands of a sweep, with their drive values and the closed nominal poses.
 
     Raises:
         TableError: the file of poses is wrong.
-        UnreachablePoseError: a joint would pass its limits at one of the poses; PathPoseError: of a file's poses.
+        UnreachablePoseError: a joint would exceed its limits at a pose; PathPoseError: at a pose from a file.
     """
     if not isinstance(robot, PouringRobot):
         return _driven(config, robot)
@@ -304,9 +304,9 @@ def sweep_commands(config: SweepConfig, robot: Robot) -> BatchCommand:
 
 
 def _driven(config: SweepConfig, robot: Robot) -> BatchCommand:
-    """Return drive values of a file, or drawn evenly between the drives' limits where the robot closes.
+    """Return drive values from a file, or drawn uniformly between the drives' limits where the robot closes.
 
-    Redundant drives that are drawn are made to agree.
+    Redundant drive values that are drawn are adjusted until they agree.
     """
     choice, drawing = config.poses, robot.drawing
     if choice.grid is not None or (choice.random is not None and choice.random.box != Box()):
@@ -335,13 +335,13 @@ def _driven(config: SweepConfig, robot: Robot) -> BatchCommand:
 
 
 def _stands(robot: Robot, commands: BatchCommand) -> BoolArray:
-    """Return where the drawing closes within its joints' limits, and redundant drives agree, (n,)."""
+    """Return where the nominal robot closes within its joint limits, and redundant drives agree, (n,)."""
     engine = engine_for(robot.drawing.mechanism, options=robot.nominal_solver.options)
     return robot.drawing.in_reach(commands.start) & engine.close(commands.drives, commands.start).closed
 
 
 def _wanted(config: SweepConfig, robot: PouringRobot) -> tuple[FloatArray, list[int]]:
-    """Return x, y, z in m and the tilt in rad, shape (n, 4), and on which lines of a file they stand, if on any."""
+    """Return x, y, z in m and the tilt in rad, shape (n, 4), and their line numbers if they are from a file."""
     even, random = config.poses.grid, config.poses.random
     if even is not None:
         limits, counts = even.box.limits(robot.layout.box), (even.x, even.y, even.z, even.tilt)

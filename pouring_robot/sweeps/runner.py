@@ -1,4 +1,4 @@
-"""Runs a sweep: here, on local processes, or on a Dask cluster; always the same chunks, the same numbers."""
+"""Runs a sweep: in this process, in local processes, or on a Dask cluster; always the same chunks and results."""
 
 import concurrent.futures
 import contextlib
@@ -21,9 +21,9 @@ from pouring_robot.sweeps.store import RESUME, SweepStore, remove_sweep, require
 
 _Results = Generator[tuple[Chunk, ChunkResult], None, None]
 _CONNECT_SECONDS = 15
-# A terminal's Ctrl-C reaches all processes; this one hears it and ends the others.
+# A terminal's Ctrl-C reaches all processes; this one handles it and ends the others.
 _DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
-_AHEAD = 2  # chunks in flight for each thread of the cluster: none waits, and memory stays bounded
+_AHEAD = 2  # chunks in progress per thread of the cluster: none is idle, and memory is bounded
 
 
 def sweep(
@@ -36,27 +36,27 @@ def sweep(
     scheduler: str | None = None,
     progress: Progress = say_nothing,
 ) -> SweepReport:
-    """Run a tolerance study and say what it found; nothing but the store is written until the report is saved.
+    """Run a tolerance study and return its report; only the store is written until the report is saved.
 
-    A warning says what of the model's file is left out: heat, and effects that depend on conditions.
+    A warning lists what is ignored of the model file: heat, and effects that depend on conditions.
 
     Args:
-        config: the sweep file, what stands in one, or a plan made of it.
-        out: folder for the results, made if need be.
-        resume: go on with a sweep that was begun there.
-        overwrite: begin anew in place of a sweep that is there.
-        workers: processes on this machine, none below 0, no more than chunks; 0: this one alone, with all its threads.
-            They run the script that asks for them, too, so what it does stands under ``if __name__ == "__main__":``.
+        config: the sweep file, its content, or a plan made from it.
+        out: folder for the results, created if necessary.
+        resume: continue a sweep that was begun there.
+        overwrite: replace a sweep that is there.
+        workers: processes on this machine, 0 or more, at most one per chunk; 0: this process, with all its threads.
+            They also run the calling script, so its code must be under ``if __name__ == "__main__":``.
         scheduler: address of a Dask cluster to compute on instead; results are written here.
-        progress: told of every chunk.
+        progress: called for every chunk.
 
     Raises:
         DescriptionError: the file is wrong.
-        BadInputError: it is none of these, a name in it does not fit the robot, the results are larger than the disk
-            or what is kept of them than the memory, ``workers`` is no number of them, or both ``resume`` and
-            ``overwrite``, or ``workers`` and ``scheduler``, are asked for.
+        BadInputError: ``config`` is none of these, a name in it does not fit the robot, the results are larger than the
+            disk or their sums than the memory, ``workers`` is not a valid number, or both ``resume`` and ``overwrite``,
+            or ``workers`` and ``scheduler``, are given.
         UnreachablePoseError: a pose is out of reach.
-        SweepStoreError: the folder holds other results or cannot be written to, or no space is left.
+        SweepStoreError: the folder holds other results or cannot be written to, or the disk is full.
         SweepWorkerError: the cluster cannot be reached, or its workers do not start or fail.
         NoSolutionError: no tolerances keep the requirement.
     """
@@ -67,7 +67,7 @@ def sweep(
     if plan.config.model is not None:
         plan.model.warn_of_left_out("sweep", str(plan.config.model))
     expect(out, Path | str, "the folder for results is a path")
-    folder = Path(out).absolute()  # wherever the process goes before the report is saved
+    folder = Path(out).absolute()  # the process may change its folder before the report is saved
     store = run_sweep(
         plan, folder, resume=resume, overwrite=overwrite, workers=workers, scheduler=scheduler, progress=progress
     )
@@ -85,7 +85,7 @@ def run_sweep(
     scheduler: str | None = None,
     progress: Progress = say_nothing,
 ) -> SweepStore:
-    """Compute what is missing of a sweep and write it, chunk by chunk; arguments and errors as :func:`sweep`."""
+    """Compute and write the missing chunks of a sweep; arguments and errors as for :func:`sweep`."""
     if overwrite and resume:
         raise BadInputError("resume or overwrite, not both: one continues, the other starts again")
     workers = whole(workers, 0, "workers is a number of processes, 0 for this one alone")
@@ -120,12 +120,12 @@ def _complete(store: SweepStore, workers: int, scheduler: str | None, progress: 
 
 
 def _clustered(plan: SweepPlan, chunks: list[Chunk], workers: int, scheduler: str | None) -> _Results:
-    """Yield chunks as a cluster finishes them; Dask gives those of a lost worker to another."""
+    """Yield chunks as a cluster finishes them; Dask reassigns those of a lost worker."""
     with _client(min(workers, len(chunks)), scheduler) as client:
         import distributed
 
         waiting = iter(chunks)
-        # The plan travels as a task, not as data: were its holders lost, Dask would make it again.
+        # The plan is sent as a task, not as data: if the workers that hold it are lost, Dask makes it again.
         there = client.submit(functools.partial(_received, plan), pure=False)
         finished = distributed.as_completed(loop=client.loop)
         pending: dict[Any, Chunk] = {}
@@ -145,7 +145,7 @@ def _clustered(plan: SweepPlan, chunks: list[Chunk], workers: int, scheduler: st
 
 
 def _received(plan: SweepPlan) -> SweepPlan:
-    plan.threads = 1  # a worker computes as many chunks at a time as it has threads
+    plan.threads = 1  # a worker computes one chunk per thread at a time
     return plan
 
 
@@ -171,7 +171,7 @@ def _result(future: Any) -> ChunkResult:
 
 @contextlib.contextmanager
 def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
-    """Connect to a cluster, or start one of processes on this machine."""
+    """Connect to a cluster, or start one with processes on this machine."""
     import distributed
 
     with contextlib.ExitStack() as stack:
@@ -181,9 +181,9 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
                     n_workers=workers,
                     threads_per_worker=1,
                     processes=True,
-                    dashboard_address="127.0.0.1:0",  # a server of Dask's own all the same: any free port, this machine
+                    dashboard_address="127.0.0.1:0",  # Dask starts a server anyway: any free port, this machine
                     scheduler_kwargs={"dashboard": False},
-                    silence_logs=logging.CRITICAL,  # what workers fail at is said by `_result`
+                    silence_logs=logging.CRITICAL,  # errors of workers are reported by `_result`
                     preload=_DEAF,
                 )
             except RuntimeError as problem:
@@ -194,7 +194,7 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
             stack.enter_context(cluster)
         else:
             cluster = scheduler
-            logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it says is said here
+            logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # its messages are given here
         try:
             client = stack.enter_context(distributed.Client(cluster, timeout=_CONNECT_SECONDS, set_as_default=False))
         except (OSError, ValueError, TypeError) as problem:

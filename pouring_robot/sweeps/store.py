@@ -1,6 +1,6 @@
 """The results of a sweep on disk: a Zarr v3 store that grows chunk by chunk and survives a kill at any moment.
 
-Arrays and their dimensions, SI units as attributes, to be opened with :func:`open_results` or ``xarray.open_zarr``:
+Arrays and dimensions, with SI units as attributes, to be opened with :func:`open_results` or ``xarray.open_zarr``:
 
 =============  =================================  ======  ==========================================================
 displacement   sample, pose, frame, axis          m       with the errors minus without them, fixed platform's axes
@@ -11,13 +11,13 @@ status         sample, pose                               0 ok, 255 not done yet
 errors         sample, parameter                  m, rad  the errors of each robot
 =============  =================================  ======  ==========================================================
 
-In a one-at-a-time study the first dimension is ``parameter`` itself, and ``tolerance`` takes the place of ``errors``.
+In a one-at-a-time study the first dimension is ``parameter``, and ``tolerance`` replaces ``errors``.
 
-A chunk's status is written last, each file in one step (Zarr writes beside the target and renames): a chunk counts as
-done when its status can be read and holds no 255. Whatever else of it was written is written again.
+A chunk's status is written last, each file atomically (Zarr writes a temporary file and renames it): a chunk counts as
+done when its status can be read and contains no 255. Otherwise all its arrays are written again.
 
-Whatever is wrong with a store raises SweepStoreError: it is missing, damaged or none, another sweep is running in its
-folder, or the folder cannot be written to.
+SweepStoreError is raised where a store is missing, damaged or not a store, another sweep is running in its folder, or
+the folder cannot be written to.
 """
 
 import contextlib
@@ -50,15 +50,15 @@ FORMAT = "pouring_robot/sweep-results/1"
 AXES = ("x", "y", "z")
 NOT_DONE = 255
 STATUS_NAMES = dict(enumerate(("ok", *BATCH_STATUS_NAMES[1:]))) | {NOT_DONE: "not done"}
-# Bytes that stay in memory: of each robot its eight sums (of a Sobol study its points, and its outputs twice, besides);
-# of each chunk its place.
+# Bytes that stay in memory: eight sums per robot (in a Sobol study also its points, and twice its outputs), and an
+# index per chunk.
 _A_ROBOT, _A_SOBOL_ROBOT, _A_CHUNK = 64, 128, 400
 
 
 class SweepStore:
-    """The store of one sweep in its folder, open for writing; ``resume``: go on with one that is there.
+    """The store of one sweep in its folder, open for writing; ``resume``: continue an existing one.
 
-    What is there and not to be gone on with, belongs to another sweep or is damaged, is refused and not changed.
+    An existing store is refused and left unchanged without ``resume``, or if it is damaged or of another sweep.
     """
 
     def __init__(self, folder: Path | str, plan: SweepPlan, *, resume: bool = False) -> None:
@@ -90,15 +90,15 @@ class SweepStore:
                 raise _damaged(self.path, f"array '{name}' has shape {array.shape}, not {expected.shape}")
 
     def done(self, chunk: Chunk) -> bool:
-        """Return whether a chunk is whole."""
+        """Return whether a chunk is complete."""
         try:
             status = self._arrays["status"][chunk.samples, chunk.poses]
-        except Exception:  # whatever Zarr finds wrong with it, the chunk is not whole
+        except Exception:  # after any error in Zarr the chunk is not complete
             return False
         return bool((np.asarray(status) != NOT_DONE).all())
 
     def missing(self) -> list[Chunk]:
-        """Return the chunks that are still to be computed, in order."""
+        """Return the chunks that remain to be computed, in order."""
         return [chunk for chunk in self.plan.chunks() if not self.done(chunk)]
 
     def write(self, chunk: Chunk, result: ChunkResult) -> None:
@@ -122,7 +122,7 @@ class SweepStore:
 
     @contextlib.contextmanager
     def alone(self) -> Iterator[None]:
-        """Keep a second sweep out of the folder, and clear away what a killed one left half-written."""
+        """Lock the folder against a second sweep, and delete incomplete files of a killed one."""
         with _locked(self.path):
             for left in self.folder.glob(f".{STORE}.*.part"):
                 shutil.rmtree(left, ignore_errors=True)
@@ -132,15 +132,15 @@ class SweepStore:
             yield
 
     def discard_empty(self) -> None:
-        """Take away what the constructor made, as long as no chunk is done; call while :meth:`alone`."""
+        """Remove what the constructor made, as long as no chunk is done; call while :meth:`alone`."""
         if self._made and not any(self.done(chunk) for chunk in self.plan.chunks()):
             shutil.rmtree(self.path, ignore_errors=True)
             for folder in self._made:
-                with contextlib.suppress(OSError):  # somebody has put a file there
+                with contextlib.suppress(OSError):  # it contains other files
                     folder.rmdir()
 
     def _make(self) -> list[Path]:
-        """Write the empty store beside its place, then put it there whole; return it and the folders made for it."""
+        """Write the empty store next to its place, then rename it; return it and the folders made for it."""
         made = [place for place in (self.folder, *self.folder.parents) if not place.exists()]
         self.folder.mkdir(parents=True, exist_ok=True)
         part = hidden_name(self.path)
@@ -148,11 +148,11 @@ class SweepStore:
             _write_empty(part, self.plan)
             part.rename(self.path)
         except BaseException as problem:
-            for _ in range(3):  # Zarr's own thread may be at a file yet
+            for _ in range(3):  # Zarr's own thread may still be writing a file
                 shutil.rmtree(part, ignore_errors=True)
                 time.sleep(0.05)
             for folder in made:
-                with contextlib.suppress(OSError):  # another sweep has begun there
+                with contextlib.suppress(OSError):  # another sweep has started there
                     folder.rmdir()
             if isinstance(problem, OSError) and self.path.exists():
                 raise SweepStoreError(self.folder, "another sweep has begun in this folder; wait for it") from problem
@@ -176,7 +176,7 @@ class SweepStore:
 
 
 def open_results(folder: Path | str) -> xr.Dataset:
-    """Open the results in a sweep's folder, finished or not; arrays are read when they are used, chunk by chunk."""
+    """Open the results in a sweep's folder, finished or not; arrays are read chunk by chunk when they are used."""
     path = Path(folder) / STORE if (Path(folder) / STORE).exists() else Path(folder)
     open_group(path)
     try:
@@ -187,9 +187,9 @@ def open_results(folder: Path | str) -> xr.Dataset:
 
 
 def require_room(folder: Path | str, plan: SweepPlan) -> None:
-    """Refuse a sweep, as BadInputError, whose results are larger than its disk or whose sums are than the memory.
+    """Raise BadInputError for a sweep whose results are larger than its disk, or its sums larger than the memory.
 
-    Results count without compression. Of the disk all counts: what is full now can be cleared while the sweep runs.
+    Results count without compression; the whole disk counts, as space can be freed while the sweep runs.
     """
     place, robots = Path(folder), plan.draws.count
     results = [array for array in _arrays(plan).values() if array.values is None]
@@ -201,7 +201,7 @@ def require_room(folder: Path | str, plan: SweepPlan) -> None:
         disk = shutil.disk_usage(there).total
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     study = f"{robots} robots at {len(plan.poses)} poses"
-    if 0 < disk < size:  # some file systems do not tell their size
+    if 0 < disk < size:  # some file systems do not report their size
         raise plan.config.problem(
             f"the results of {study} need {_gigabytes(size)}, but the disk of {place} has {_gigabytes(disk)}; "
             "use fewer samples or poses, or a larger disk"
@@ -214,11 +214,11 @@ def require_room(folder: Path | str, plan: SweepPlan) -> None:
 
 
 def _gigabytes(size: int) -> str:
-    return f"{Decimal(size) / 10**9:.3g} GB"  # which may be beyond all floats
+    return f"{Decimal(size) / 10**9:.3g} GB"  # which may exceed any float
 
 
 def remove_sweep(folder: Path | str) -> None:
-    """Take away the store and the reports of a sweep, if there are any."""
+    """Remove the store and the reports of a sweep, if there are any."""
     folder = Path(folder)
     path = folder / STORE
     with writing(folder):
@@ -226,7 +226,7 @@ def remove_sweep(folder: Path | str) -> None:
             if dict(open_group(path).attrs).get("format") != FORMAT:
                 raise SweepStoreError(path, "is not the store of a sweep; use another folder")
             with _locked(path):
-                path.rename(gone := hidden_name(path))  # as one step: what is stopped here leaves no half of a store
+                path.rename(gone := hidden_name(path))  # atomically: an interruption leaves no partial store
                 shutil.rmtree(gone)
         for name in REPORTS:
             (folder / name).unlink(missing_ok=True)
@@ -234,7 +234,7 @@ def remove_sweep(folder: Path | str) -> None:
 
 @contextlib.contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Keep other sweeps away from a store."""
+    """Lock a store against other sweeps."""
     handle = os.open(path, os.O_RDONLY)
     try:
         try:
@@ -243,7 +243,7 @@ def _locked(path: Path) -> Iterator[None]:
             raise SweepStoreError(path.parent, "another sweep is running in this folder; wait for it") from problem
         yield
     finally:
-        os.close(handle)  # gives the lock back
+        os.close(handle)  # releases the lock
 
 
 def open_group(path: Path) -> zarr.Group:
@@ -258,7 +258,7 @@ def open_group(path: Path) -> zarr.Group:
 
 @contextlib.contextmanager
 def writing(folder: Path, advice: str = "choose a place you may write to") -> Iterator[None]:
-    """Turn a failure to write, any OSError, into one line, a SweepStoreError."""
+    """Convert a failure to write, any OSError, into a SweepStoreError of one line."""
     try:
         yield
     except OSError as problem:
@@ -273,7 +273,7 @@ def _damaged(path: Path, reason: str) -> SweepStoreError:
 
 
 def _difference(other: Any, own: dict[str, Any]) -> str:
-    """Say in which keys two contents differ."""
+    """Return in words the keys in which two contents differ."""
     if not isinstance(other, dict):
         return "with unknown settings"
     named = []
@@ -290,14 +290,14 @@ def _difference(other: Any, own: dict[str, Any]) -> str:
 
 
 class _Array(NamedTuple):
-    """One array of the store: its place in it, and its numbers where they are known from the start."""
+    """One array of the store: its name and dimensions, and its values where they are known from the start."""
 
     shape: tuple[int, ...]
     chunks: tuple[int, ...]
     dimensions: tuple[str, ...]
     attributes: dict[str, Any]
     values: NDArray[Any] | None = None
-    empty: np.generic = np.float64("nan")  # what stands for a number that is not known yet
+    empty: np.generic = np.float64("nan")  # value of entries that are not known yet
 
     @classmethod
     def known(cls, values: Any, dimensions: tuple[str, ...], **attributes: str) -> "_Array":
@@ -307,7 +307,7 @@ class _Array(NamedTuple):
 
 
 def _arrays(plan: SweepPlan) -> dict[str, _Array]:
-    """Return the arrays of the store: those that are known from the start, then those written chunk by chunk."""
+    """Return the arrays of the store: those known from the start, then those written chunk by chunk."""
     both, block = (plan.draws.count, len(plan.poses)), (plan.sample_block, plan.pose_block)
     first = "parameter" if plan.config.study == "one_at_a_time" else "sample"
     frames, parameters, margins = len(plan.config.frames), plan.parameters, plan.draws.margins

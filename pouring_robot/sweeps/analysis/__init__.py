@@ -1,1 +1,1 @@
-"""What a finished sweep says: summary, Sobol indices, ranking, the loosest tolerances, report and picture."""
+"""Analysis of a finished sweep: summary, Sobol indices, ranking, the loosest tolerances, report and picture."""

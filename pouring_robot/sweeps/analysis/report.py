@@ -1,4 +1,4 @@
-"""What a finished sweep says: its figures, lines, tables and plots, and the files beside the store."""
+"""Report of a finished sweep: its figures, lines, tables and plots, and the files next to the store."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,22 +27,22 @@ from pouring_robot.sweeps.plan import SweepPlan
 from pouring_robot.sweeps.store import PAGE, PICTURE, RANKING, STATUS_NAMES, SUMMARY, SweepStore, open_results
 
 _SHOWN, _SLICES = 20, 3
-_POINTS = 2000  # of each box at most: the picture shows no more
+_POINTS = 2000  # of each box plot at most: the picture shows no more
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SweepReport(Result):
-    """What a finished sweep says."""
+    """Results of a finished sweep."""
 
-    store: SweepStore  # where the numbers are
+    store: SweepStore  # the stored numbers
     summary: Summary  # of all samples
     ranking: Sequence[RankedParameter]  # the parameters, the one that matters most first
-    indices: SobolIndices | None  # Sobol indices, of a ``sobol`` study
-    allocation: AllocatedTolerances | None  # the loosest tolerances, if the sweep file asks for them
+    indices: SobolIndices | None  # Sobol indices of a ``sobol`` study
+    allocation: AllocatedTolerances | None  # the loosest tolerances, if the sweep file requests them
 
     @property
     def headline(self) -> str:
-        """How far the ladle is off, which share is within the requirement, and the error that matters most."""
+        """Error of the ladle, share within the requirement, and the parameter that matters most."""
         summary, figures = self.summary, self.summary.figures()
         if not summary.closed:
             return _first_line(self)
@@ -55,14 +55,14 @@ class SweepReport(Result):
         )
 
     def _table(self) -> Any:
-        """The ranking, one row a parameter; the unit of its tolerance stands in its row."""
+        """The ranking, one row per parameter; the row contains the unit of its tolerance."""
         return [parameter.row() for parameter in self.ranking]
 
     def to_dataset(self) -> xr.Dataset:
-        """Return the numbers: displacement and rotation of every robot at every pose, in m and rad, read when used.
+        """Return displacement and rotation of every robot at every pose, in m and rad, read from disk when used.
 
         Raises:
-            SweepStoreError: the results are damaged or gone.
+            SweepStoreError: the results are damaged or missing.
         """
         return open_results(self.store.folder)
 
@@ -97,9 +97,9 @@ class SweepReport(Result):
 
 @one_blas_thread()
 def report(store: SweepStore, progress: Progress = say_nothing) -> SweepReport:
-    """Reduce, rank and allocate, as the sweep file asks.
+    """Summarise, rank and allocate, as the sweep file requests.
 
-    A sweep that is not finished raises SweepStoreError, tolerances of which none keep the requirement NoSolutionError.
+    An unfinished sweep raises SweepStoreError; NoSolutionError is raised if no tolerances keep the requirement.
     """
     plan = store.plan
     summary = summarise(store, progress)
@@ -109,7 +109,7 @@ def report(store: SweepStore, progress: Progress = say_nothing) -> SweepReport:
 
 
 def summary_lines(found: SweepReport) -> list[str]:
-    """Return how far the tool is off, which share is within the requirement, and what had no solution."""
+    """Return lines on the tool's error, the share within the requirement, and samples without a solution."""
     plan, figures = found.store.plan, found.summary.figures()
     lines = [
         _first_line(found),
@@ -131,7 +131,7 @@ def summary_lines(found: SweepReport) -> list[str]:
 
 
 def _first_line(found: SweepReport) -> str:
-    """Return how far the tool is off where robots closed, or that none did."""
+    """Return a line on the tool's error where robots closed, or that none did."""
     plan, summary, figures = found.store.plan, found.summary, found.summary.figures()
     study = f"{figures['robots']} {_robots(plan)} at {figures['poses']} poses"
     if not summary.closed:
@@ -146,7 +146,7 @@ def _first_line(found: SweepReport) -> str:
 
 
 def share_text(share: float) -> str:
-    """Return a share in percent; only all of them are 100 %."""
+    """Return a share in percent; 100 % is printed only if it is exact."""
     return f"{share if share == 1.0 else min(share, 0.9999):.2%}"
 
 
@@ -165,7 +165,7 @@ def ranking_table(found: SweepReport) -> Table:
 
 
 def allocation_line(found: AllocatedTolerances) -> str:
-    """Return what the loosest tolerances keep."""
+    """Return a line on the accuracy that the loosest tolerances keep."""
     figures = found.figures()
     checked = figures["verified"]
     return (
@@ -176,7 +176,7 @@ def allocation_line(found: AllocatedTolerances) -> str:
 
 
 def allocation_table(found: AllocatedTolerances) -> Table:
-    """Return the loosest tolerances, the tightest first; those that hardly matter stand at the cap."""
+    """Return the loosest tolerances, the tightest first; those that hardly matter are at the cap."""
     rows = [
         (
             row["parameter"],
@@ -191,7 +191,7 @@ def allocation_table(found: AllocatedTolerances) -> Table:
 
 
 def html_report(found: SweepReport, study: Any, links: Mapping[str, str]) -> str:
-    """Return the report, with what :func:`study_figure` has drawn, as one page without any outside file."""
+    """Return the report, with the picture of :func:`study_figure`, as one page without external files."""
     plan, frame = found.store.plan, found.summary.frame
     config = plan.config
     over = f"RMS over the {_robots(plan)}"
@@ -214,7 +214,7 @@ def html_report(found: SweepReport, study: Any, links: Mapping[str, str]) -> str
 
 @own_look()
 def study_figure(found: SweepReport) -> Any:
-    """Draw box plots of the errors that matter most, or their shares and how far the tool is off."""
+    """Draw box plots of the errors that matter most, or their shares and the error of the tool."""
     figure = new_figure(9.0, 6.0)
     shown, summary, config = found.ranking[:_SHOWN], found.summary, found.store.plan.config
     if config.study == "one_at_a_time":
@@ -241,7 +241,7 @@ def _study(config: SweepConfig) -> str:
 
 @own_look()
 def map_of(plan: SweepPlan, summary: Summary) -> Any:
-    """Draw how far the tool is off over x and z, in slices of y: RMS over the robots, the largest of a place."""
+    """Draw the tool's error over x and z, in slices of y: RMS over the robots, the largest at each position."""
     place = plan.poses.start.position / MM
     off = np.linalg.norm(summary.by_pose.rms_m, axis=1) / MM
     values = np.unique(place[:, 1].round(3))

@@ -1,4 +1,4 @@
-"""Sobol indices of a finished study: the share of the scatter that each error makes, alone and with others."""
+"""Sobol indices of a finished study: the share of the scatter that each error causes, alone and with others."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,20 +20,20 @@ class SobolIndices:
 
     first: FloatArray  # first-order index, shape (parameters,), as the next three
     total: FloatArray
-    # half width of SALib's 95 % interval, of one output on average. It is a bootstrap, which takes base samples for
-    # independent; those of a Sobol sequence fill space better, so that indices are several times nearer than it says
+    # half width of SALib's 95 % interval, averaged over outputs. It is a bootstrap, which assumes independent base
+    # samples; those of a Sobol sequence fill space better, so that indices are several times more accurate
     first_confidence: FloatArray
     total_confidence: FloatArray
     first_m2: FloatArray  # first-order variance by coordinate, mean over the poses, shape (parameters, 3)
-    dropped: int  # base samples of which a robot had no solution at some pose, left out there
+    dropped: int  # base samples in which a robot had no solution at some pose; left out there
 
 
 def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolIndices:
     r"""Return the Sobol indices of the displacement of a finished ``sobol`` study's first frame, by SALib.
 
-    Each coordinate of the displacement at each pose is an output y with indices of its own. Pooled over outputs they
-    are weighted with the outputs' variances (F. Gamboa et al., Sensitivity analysis for multidimensional and functional
-    outputs, 2014), which makes the pooled first-order index the share of the total scatter:
+    Each coordinate of the displacement at each pose is an output y with its own indices. They are pooled with the
+    outputs' variances as weights (F. Gamboa et al., Sensitivity analysis for multidimensional and functional outputs,
+    2014), so that the pooled first-order index is the share of the total scatter:
 
     .. math:: S_j = \sum_y \mathrm{Var}(y)\, S_{j,y} \Big/ \sum_y \mathrm{Var}(y)
 
@@ -46,7 +46,7 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
     count, lost = len(plan.names), np.zeros(plan.config.samples or 0, dtype=bool)
     problem = {"num_vars": count, "names": list(plan.names), "bounds": [[0.0, 1.0]] * count}
     settings = {"calc_second_order": False, "num_resamples": _RESAMPLES, "conf_level": 0.95}
-    settings["seed"] = plan.config.seed + 1  # SALib takes 0 for no seed
+    settings["seed"] = plan.config.seed + 1  # to SALib 0 means no seed
     weights = np.zeros(3)
     sums = np.zeros((4, 3, count))  # S1, ST and their confidence by axis, weighted with the variance
     for pose, outputs in enumerate(_outputs(store), start=1):
@@ -55,7 +55,7 @@ def sobol_indices(store: SweepStore, progress: Progress = say_nothing) -> SobolI
         lost |= ~sound
         for axis in range(3):
             values = blocks[sound, :, axis].ravel()
-            # One base sample has indices of any size and, drawn again and again, an interval of none.
+            # With one base sample indices are arbitrary, and the bootstrap interval has no width.
             variance = float(values.var()) if np.count_nonzero(sound) > 1 else 0.0
             if variance > 0.0:
                 found = sobol.analyze(problem, values, **settings)

@@ -1,4 +1,4 @@
-"""What a sweep found, in one pass over its chunks: memory for one chunk, and a few numbers a robot and a pose.
+"""Summary of a sweep in one pass over its chunks: memory for one chunk, and a few numbers per robot and per pose.
 
 A chunk that is damaged or not done raises SweepStoreError.
 """
@@ -18,13 +18,13 @@ from pouring_robot.sweeps.plan import Chunk
 from pouring_robot.sweeps.store import AXES, NOT_DONE, STATUS_NAMES, SweepStore
 
 SHARES = (0.5, 0.95, WITHIN_IT)
-# Distances are counted in bins a thousandth wide, from a picometre to ten metres; quantiles are as sharp as that.
+# Distances are counted in bins a thousandth wide, from a picometre to ten metres; quantiles have this resolution.
 _SMALLEST_M, _LARGEST_M, _BIN = 1e-12, 10.0, 1e-3
 _OF_THE_CLOSED = ("largest_mm", "largest_mrad", "worst_pose", "largest_gap_mm", "largest_gap_mrad")
 
 
 class Distances:
-    """Counts distances in narrow bins, for quantiles of more numbers than fit into memory."""
+    """Histogram of distances with narrow bins, for quantiles of more numbers than fit into memory."""
 
     def __init__(self) -> None:
         count = int(np.ceil(np.log(_LARGEST_M / _SMALLEST_M) / np.log1p(_BIN)))
@@ -37,7 +37,7 @@ class Distances:
         self.counts += np.bincount(places, minlength=self.counts.size)
 
     def quantile(self, share: float) -> float:
-        """Return the distance in m that this share does not exceed, to a thousandth; NaN without any."""
+        """Return the distance in m that this share does not exceed, to a thousandth; NaN without samples."""
         total = int(self.counts.sum())
         if not total:
             return float("nan")
@@ -46,7 +46,7 @@ class Distances:
 
 
 class _Part:
-    """A chunk as the sums take it: zeros where there is no solution."""
+    """A chunk prepared for summing: zeros where there is no solution."""
 
     def __init__(self, store: SweepStore, chunk: Chunk) -> None:
         self.status = store.read("status", chunk)
@@ -58,15 +58,15 @@ class _Part:
 
 
 class Moments:
-    """Sums over the good samples of each of n rows (a parameter, a robot or a pose)."""
+    """Sums over the samples with a solution of each of n rows (a parameter, a robot or a pose)."""
 
     def __init__(self, rows: int) -> None:
         self.count, self.within = np.zeros((2, rows))  # of samples, and of those within the requirement
         self.largest_m, self.sum_m, self.largest_rad = np.zeros((3, rows))  # of distances, and of rotations
-        self.squares_m2 = np.zeros((rows, 3))  # sum of squared displacements by axis
+        self.squares_m2 = np.zeros((rows, 3))  # sum of squared displacements, by axis
 
     def add(self, rows: slice, part: _Part, axis: int) -> None:
-        """Add a chunk's samples; ``axis`` is the one that is summed over."""
+        """Add a chunk's samples; ``axis`` is summed over."""
         self.count[rows] += part.good.sum(axis=axis)
         self.sum_m[rows] += part.distance_m.sum(axis=axis)
         self.squares_m2[rows] += (part.displacement_m**2).sum(axis=axis)
@@ -92,10 +92,10 @@ class Moments:
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """What a sweep found at its first frame."""
+    """Results of a sweep at its first frame."""
 
     frame: str
-    accuracy_m: float  # required
+    accuracy_m: float  # required accuracy
     status: dict[str, int]  # number of samples by status name
     by_sample: Moments  # sums over the poses for each robot (one_at_a_time: for each parameter)
     by_pose: Moments  # sums over the robots for each pose
@@ -119,7 +119,7 @@ class Summary:
         return self.status.get(STATUS_NAMES[CLOSED], 0)
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures for people and JSON: mm, mrad; what nobody knows where no robot closed is None."""
+        """Return the figures for people and JSON: mm, mrad; unknown values, where no robot closed, are None."""
         rms = np.sqrt(np.nansum(self.by_pose.squares_m2, axis=0) / max(1, self.closed))
         worst = int(np.argmax(self.by_pose.largest_m))
         largest = float(self.by_pose.largest_m[worst])

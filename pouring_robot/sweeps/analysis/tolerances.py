@@ -1,22 +1,22 @@
-r"""From the numbers of a sweep to tolerances: which ones matter, and the loosest that keep the requirement.
+r"""From the results of a sweep to tolerances: which ones matter, and the loosest that keep the requirement.
 
 To first order the displacement at pose p is d = G_p e, so its covariance is linear in the squares u_g of the factors
 by which group g of tolerances is loosened:
 
 .. math:: \Sigma_p(u) = \sum_g u_g A_{pg}, \qquad A_{pg} = G_{pg} C_g G_{pg}^T
 
-with C_g the covariance of the group's errors as the sweep file has them. Loosest means largest product of the factors,
+with C_g the covariance of the group's errors as in the sweep file. Loosest means the largest product of the factors,
 each group weighted with its number of parameters:
 
 .. math:: \max_u \sum_g n_g \log u_g \quad\text{s.t.}\quad w^T \Sigma_p(u)\, w \le (R / k)^2
           \quad \text{for every pose } p \text{ and direction } w
 
-A concave problem with linear constraints, infinitely many of them, solved by cutting planes: the direction in which a
-pose scatters most, at the poses that violate the requirement most, becomes a constraint; the relaxed problem is a
-geometric program in log u. k is the two-sided normal quantile of the wanted share. In the end R is lowered here until
-the share of the robots whose *distance* (three coordinates, not one) is within the requirement is met at the worst
-pose: that scales all factors alike but those that the cap still holds.
-Cutting planes that do not settle, and poses at which the robot does not close, raise NoSolutionError.
+This is a concave problem with infinitely many linear constraints, solved by cutting planes: at the poses that violate
+the requirement most, the direction of largest scatter becomes a constraint; the relaxed problem is a geometric program
+in log u. k is the two-sided normal quantile of the required share. Finally R is lowered until the required share of
+robots has a *distance* (of three coordinates, not one) within the requirement at the worst pose: this scales all
+factors by the same amount except those that the cap still limits.
+NoSolutionError is raised where cutting planes do not converge, or the robot does not close at a pose.
 """
 
 import math
@@ -46,8 +46,8 @@ from pouring_robot.sweeps.store import AXES
 _CUTS_A_ROUND = 8
 _ROUNDS = 200
 _TIGHT = 1e-7  # relative violation that counts as none
-_SCALED = 1e-4  # share by which all factors, those at the cap too, are scaled in the end
-_ROUND_OFF = 1e-9  # of what the strongest error moves
+_SCALED = 1e-4  # relative change by which all factors, also those at the cap, are finally scaled
+_ROUND_OFF = 1e-9  # relative to the displacement by the strongest error
 _DIRECTIONS = 64
 VERIFIED_POSES = 64
 _CLOSURES_AT_ONCE, _POSES_AT_ONCE = 20_000, 1000
@@ -58,9 +58,9 @@ class AllocatedFactors:
     """Factors on the groups' tolerances."""
 
     factors: FloatArray  # how many times looser (above 1) or tighter than given, shape (groups,)
-    capped: BoolArray  # whether the cap holds the factor, not the requirement, shape (groups,)
-    quantile_m: FloatArray  # at every pose, the distance that the wanted share of robots keeps, shape (poses,)
-    poses: tuple[int, ...]  # indices of the poses that hold the factors, the worst first
+    capped: BoolArray  # whether the cap, not the requirement, limits the factor, shape (groups,)
+    quantile_m: FloatArray  # at every pose, the distance that the required share of robots keeps, shape (poses,)
+    poses: tuple[int, ...]  # indices of the poses that limit the factors, the worst first
 
 
 def group_covariances(
@@ -68,9 +68,9 @@ def group_covariances(
 ) -> FloatArray:
     """Return the covariance of the displacement that each group alone causes, shape (poses, groups, 3, 3), in m².
 
-    ``transfer`` is G, shape (poses, 3, parameters), in m per unit. Of each parameter are given the standard deviation,
-    ``shared``, the root of its correlation with others of its part, (parameters,) each, and the numbers of its part and
-    of its group; correlated parameters share a group.
+    ``transfer`` is G, shape (poses, 3, parameters), in m per unit. For each parameter, ``std`` is the standard
+    deviation, ``shared`` the root of its correlation with others of its part, (parameters,) each, ``parts`` and
+    ``groups`` the numbers of its part and group; correlated parameters are in one group.
     """
     part_of, group_of = np.asarray(parts), np.asarray(groups)
     errors = np.where(part_of[:, None] == part_of, np.outer(std * shared, std * shared), 0.0)
@@ -93,8 +93,8 @@ def allocate(
 ) -> AllocatedFactors:
     """Return the loosest factors.
 
-    Covariances are of each group alone, shape (poses, groups, 3, 3), in m², weights the number of parameters of each
-    group; a share of the robots must keep the requirement at every pose; the cap is the largest factor.
+    Covariances are those of each group alone, shape (poses, groups, 3, 3), in m²; weights are the number of parameters
+    of each group; ``share`` of the robots must keep the requirement at every pose; ``cap`` is the largest factor.
     """
     along, scale = requirement_m / scipy.special.ndtri(0.5 + 0.5 * share), 1.0
     for _ in range(_ROUNDS):
@@ -128,7 +128,7 @@ def _cutting_planes(relative: FloatArray, weights: FloatArray, cap: float, progr
             return squares
         directions = vectors[worst, :, -1]
         new = np.einsum("pgij,pi,pj->pg", relative[worst], directions, directions)
-        # Cuts that hold with room to spare will not bind again soon, and come back if they do.
+        # Constraints with a large margin are unlikely to bind again, and return if they do.
         cuts = np.concatenate([cuts[cuts @ squares > 0.5], new])
         squares = _relaxed(cuts, weights, cap, squares)
     raise NoSolutionError(
@@ -158,10 +158,10 @@ def _relaxed(cuts: FloatArray, weights: FloatArray, cap: float, start: FloatArra
 
 
 def distance_quantiles(covariances: FloatArray, share: float) -> FloatArray:
-    """Return the distance that a normal displacement keeps with a probability.
+    """Return the distance that a normally distributed displacement does not exceed with a probability.
 
-    The direction of the displacement's deviates is integrated over the sphere; along one direction the distance is chi
-    distributed with three degrees of freedom. Covariances are (n, 3, 3), in m², distances (n,), in m.
+    The direction of the standard normal deviates is integrated over the sphere; along one direction the distance has a
+    chi distribution with three degrees of freedom. Covariances are (n, 3, 3), in m², distances (n,), in m.
     """
     variances = np.maximum(np.linalg.eigvalsh(covariances), 0.0)
     cosines, weights = np.polynomial.legendre.leggauss(_DIRECTIONS)
@@ -178,10 +178,10 @@ def distance_quantiles(covariances: FloatArray, share: float) -> FloatArray:
 
 
 def _quantile(stretch: FloatArray, weight: FloatArray, share: float) -> float:
-    """Return the quantile of |z| · stretch, z normal in three dimensions, stretch by direction."""
+    """Return the quantile of |z| · stretch, z standard normal in three dimensions, stretch by direction."""
 
     def excess(distance: float) -> float:
-        # The distribution of chi with three degrees of freedom.
+        # The chi distribution with three degrees of freedom.
         return float(weight @ scipy.special.gammainc(1.5, 0.5 * (distance / stretch) ** 2)) - share
 
     low, high = scipy.special.ndtri(0.5 + 0.5 * share), np.sqrt(2.0 * scipy.special.gammaincinv(1.5, share))
@@ -196,13 +196,13 @@ class RankedParameter:
     unit: str  # mm or mrad
     part: str
     tolerance: float  # largest error, in that unit
-    # what the ranking goes by: the largest displacement in mm (one_at_a_time), the share of the scatter (monte_carlo),
-    # the total index (sobol); infinite where the robot closes at no pose
+    # ranking criterion: the largest displacement in mm (one_at_a_time), the share of the scatter (monte_carlo), the
+    # total index (sobol); infinite where the robot closes at no pose
     weight: float
     figures: dict[str, Any]  # all measures by name
 
     def row(self) -> dict[str, Any]:
-        """Return what stands in the ranking's table; its heading ``unit`` is that of the tolerance."""
+        """Return the row of the ranking's table; ``unit`` is the unit of the tolerance."""
         return {"name": self.name, "part": self.part, "tolerance": self.tolerance, "unit": self.unit} | self.figures
 
 
@@ -221,7 +221,7 @@ def rank(plan: SweepPlan, summary: Summary, indices: SobolIndices | None = None)
 def _measures(
     plan: SweepPlan, summary: Summary, indices: SobolIndices | None
 ) -> tuple[str, dict[str, NDArray[np.generic]]]:
-    """Return what the ranking goes by, and all measures by name, (parameters,) each."""
+    """Return the ranking criterion, and all measures by name, (parameters,) each."""
 
     def main_axis(strength: FloatArray) -> NDArray[np.str_]:
         moved = np.nan_to_num(strength)
@@ -247,7 +247,7 @@ def _measures(
             "total_ci95": indices.total_confidence,
             "main_axis": main_axis(indices.first_m2),
         }
-    # First-order variances: mean over the poses, where the robot closes, of each error's own, correlation aside.
+    # First-order variances: mean, over the poses where the robot closes, of each error's own variance, uncorrelated.
     std, poses = np.array([margin.std for margin in plan.draws.margins]), plan.closing
     squares = np.zeros((3, len(std)))
     for matrices in _matrices(plan, poses):
@@ -261,18 +261,18 @@ def _measures(
 
 @dataclass(frozen=True, eq=False)
 class AllocatedTolerances:
-    """The loosest tolerances, and how they did when robots were drawn with them."""
+    """The loosest tolerances, and their verification with robots drawn from them."""
 
-    wanted: Allocation  # how many of the robots, at each pose
-    requirement_m: float  # largest distance allowed
+    wanted: Allocation  # required share of robots at each pose, and other settings
+    requirement_m: float  # largest permitted distance
     names: tuple[str, ...]  # of the parameters
-    units: tuple[str, ...]  # that their tolerances are shown in, mm or mrad
+    units: tuple[str, ...]  # of their printed tolerances, mm or mrad
     tolerance: FloatArray  # largest error of each, in m or rad, shape (parameters,)
-    factor: FloatArray  # new over given tolerance; capped: whether the cap holds it, shape (parameters,) each
+    factor: FloatArray  # new over given tolerance; capped: whether the cap limits it, shape (parameters,) each
     capped: BoolArray
-    worst_poses: tuple[int, ...]  # indices of the poses that hold the tolerances
-    predicted_m: float  # at the worst pose, the distance that the wanted share keeps, to first order
-    poses: int  # how many, the hardest ones, each of the robots drawn went to
+    worst_poses: tuple[int, ...]  # indices of the poses that limit the tolerances
+    predicted_m: float  # at the worst pose, the distance that the required share keeps, to first order
+    poses: int  # number of poses, the hardest ones, at which the drawn robots were closed
     share_within: float  # of the robots at those poses; ``share_at_worst_pose`` where fewest were within
     share_at_worst_pose: float
     failed: int  # robots at poses without a solution; they do not count as within
@@ -310,8 +310,8 @@ def allocate_tolerances(
 ) -> AllocatedTolerances:
     """Find the loosest tolerances that keep the required accuracy, and verify them by exact closures.
 
-    Distributions of the closed-chain sweep keep their shape, its tolerances are scaled. ``wanted``: by default what the
-    sweep file says.
+    The sweep's distributions keep their shape; their tolerances are scaled. ``wanted``: by default that of the sweep
+    file.
     """
     wanted, draws = wanted or plan.config.allocation or Allocation(), plan.draws
     groups = plan.groups(wanted.by)
@@ -324,7 +324,7 @@ def allocate_tolerances(
 
 
 def transfer_matrices(plan: SweepPlan, poses: BatchCommand) -> FloatArray:
-    """Return G of the plan's kind and parameters at its first frame, without the errors of the sweep.
+    """Return G for the plan's kind and parameters at its first frame, without the errors of the sweep.
 
     Shape (poses, 6, parameters): displacement of the frame's origin in m, rotation vector in rad, in the axes of the
     fixed platform, per m or rad. Raises BatchClosureError where the robot does not close at a pose.
@@ -337,13 +337,13 @@ def transfer_matrices(plan: SweepPlan, poses: BatchCommand) -> FloatArray:
     else:
         closed = engine.close(plan.model.standing(poses.drives), poses.start).require_all()
         found, rotation = engine.transfer(closed, wanted), closed.rotation
-    # The engine observes the end frame; the frame's origin is carried round with it.
+    # The engine observes the end frame; the frame's origin moves with it.
     place = moved_point(found.matrix, rotation @ plan.tool_offsets_m[0])
     return np.concatenate([place, found.matrix[:, 3:]], axis=1)
 
 
 def _matrices(plan: SweepPlan, poses: BatchCommand) -> Iterator[FloatArray]:
-    """Yield G at poses, some at a time."""
+    """Yield G at poses, in blocks."""
     for first in range(0, len(poses), _POSES_AT_ONCE):
         yield transfer_matrices(plan, poses[first : first + _POSES_AT_ONCE])
 
