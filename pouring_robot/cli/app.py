@@ -25,7 +25,7 @@ from pouring_robot.exceptions import ExitCode, PouringRobotError, StoppedError
 from pouring_robot.io.interrupt import heard
 from pouring_robot.io.threads import one_blas_thread_from_the_start
 
-# By name, in the order of use, as on the help page: the module that each stands in, imported when it is asked for.
+# Subcommands in the order of use, as on the help page, with their modules, which are imported on demand.
 _MODULES = {path.rpartition(".")[2]: path for path in (
     "examples", "robots", "robot", "poses.pose", "poses.path", "poses.view", "campaign", "diagnose", "effects",
     "calibrate", "poses.compensate", "sensitivity", "sweep", "poses.thermal", "regress", "export",
@@ -39,7 +39,7 @@ EXTRAS = {
     "sklearn": "regression",
     "statsmodels": "regression",
 }
-"""The extra of this package that brings a module which a plain installation lacks."""
+"""The extra of this package that installs a module which a plain installation lacks."""
 
 
 class _Subcommands(TyperGroup):
@@ -86,7 +86,7 @@ def _before_any_command(
 
 
 def _complain(message: str) -> None:
-    """Say in a line what is wrong, and whether the folder that this runs in is gone, which much else comes from."""
+    """Print a problem in a line, and whether the working folder has been deleted, a frequent cause of others."""
     try:
         Path.cwd()
     except OSError:
@@ -97,7 +97,7 @@ def _complain(message: str) -> None:
 def _to_stderr(text: str) -> None:
     try:
         print(text, file=sys.stderr, flush=True)
-    except OSError:  # on a full disk, or read by nobody: the exit code says it still, unless Python tries again at exit
+    except OSError:  # full disk, or no reader: the exit code still tells it, unless Python tries again at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
@@ -121,18 +121,18 @@ def _run(given: list[str]) -> int:
     try:
         outcome = app(args=given or ["--help"], prog_name="pouring-robot", standalone_mode=False)
         sys.stdout.flush()
-        if outcome == ExitCode.STOPPED:  # what Typer makes of Ctrl-C
+        if outcome == ExitCode.STOPPED:  # Typer's outcome after Ctrl-C
             raise StoppedError("stopped")
         return outcome if isinstance(outcome, int) else ExitCode.DONE
     except PouringRobotError as error:
         _complain(str(error))
         return error.exit_code
-    except typer.TyperException as error:  # every complaint about arguments
-        # Typer passes on words of the library that checks values, but not the value.
+    except typer.TyperException as error:  # any error in arguments
+        # Typer passes on the message of the library that checks values, but not the value.
         problem = error.format_message().replace("Value error, ", "").rstrip(".")
         refused = [repr(one["input"]) for one in getattr(error.__cause__, "errors", list)()[:1]]
         problem += "".join(f" (it is {given})" for given in refused if given not in problem)
-        # Where an option lacks values Typer does not say of which command it is.
+        # Where an option lacks values, Typer does not name the command.
         words = ["pouring-robot", *itertools.takewhile(lambda word: not word.startswith("-"), given)]
         asked = getattr(getattr(error, "ctx", None), "command_path", " ".join(words))
         _complain(f"{problem}; see {asked} --help")
@@ -149,8 +149,8 @@ def _run(given: list[str]) -> int:
     except (BrokenPipeError, SystemExit) as error:
         if _of_a_package(error):
             return ExitCode.BAD_INPUT
-        # The reader (such as `head`) has gone, for which Click and Rich leave by SystemExit, as nothing else here does:
-        # that is no failure; say nothing, and keep Python from saying it at exit.
+        # The reader (such as `head`) has gone; then Click and Rich raise SystemExit, which nothing else here does. This
+        # is no failure: print nothing, and prevent Python from reporting it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.DONE
     except OSError as error:
@@ -160,8 +160,8 @@ def _run(given: list[str]) -> int:
 
 
 def _of_a_package(error: BaseException) -> bool:
-    """Say in a line which effect of another package failed, if it is one that did."""
-    if "pouring_robot.effects.available" not in sys.modules:  # no command has asked for any
+    """Print in a line which effect of another package failed, if one did; return whether it was one."""
+    if "pouring_robot.effects.available" not in sys.modules:  # no command has loaded any
         return False
     from pouring_robot.effects.available import failed_effect
 
@@ -172,7 +172,7 @@ def _of_a_package(error: BaseException) -> bool:
 
 
 def _caught(error: BaseException, arguments: Sequence[str]) -> str:
-    """Return the line for an error that nobody foresaw, and write what is known of it into a file."""
+    """Return the line for an unexpected error, and write its details into a file."""
     if isinstance(error, MemoryError):
         what = "there is not enough memory for this; ask for fewer rows, samples or poses at a time"
     else:
@@ -180,7 +180,7 @@ def _caught(error: BaseException, arguments: Sequence[str]) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     ours = [frame for frame in frames if "pouring_robot" in Path(frame.filename).parts] or frames
     where = f" ({Path(ours[-1].filename).name}, line {ours[-1].lineno})" if ours else ""
-    # Versions, command and traceback; nothing of the environment, which may hold secrets.
+    # Versions, command and traceback; not the environment, which may contain secrets.
     command = shlex.join(["pouring-robot", *arguments])
     versions = f"pouring_robot {__version__}, Python {platform.python_version()}, {platform.platform()}"
     details = f"{versions}\n{command}\n\n{''.join(traceback.format_exception(error))}"
@@ -189,7 +189,7 @@ def _caught(error: BaseException, arguments: Sequence[str]) -> str:
         with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
             file.write(details)
         kept = f"please report it with the file {name}, which holds the command and where it stopped"
-    except OSError:  # no place to write to: then they are said after all
+    except OSError:  # nowhere to write: then they are printed
         _to_stderr(details)
         kept = "please report it with the lines above"
     return f"{what}{where}; {kept}"

@@ -51,7 +51,7 @@ def calibrate(
         choose=not keep_all,
         fit=FitOptions(loss=loss),
     )
-    # Where its URDF will stand, its meshes, and files that are read: refused before the fit, not after it.
+    # Conflicts with its URDF, its meshes and files that are read are refused before the fit, not after it.
     robot_of(present).location_in_the_middle()
     tree = urdf_files(present.urdf(), out, present.definition.files_beside())
     options.refuse_inputs(tree)

@@ -145,7 +145,7 @@ def check(
     campaign = Campaign.read(file, definition)
     found = examine(campaign, definition.drawing())
     figures = campaign_metrics(campaign, found)
-    box = None  # of other robots
+    box = None  # for other robots
     if isinstance(definition, PouringDefinition):
         box = load_layout(definition.layout, definition.layouts_file)
     written = [write_picture(campaign, found, box, png)] if png else []
@@ -182,7 +182,7 @@ def _print_summary(figures: dict[str, Any]) -> None:
 
 
 def _lines(figures: dict[str, Any]) -> Iterator[str]:
-    """Yield what is not recorded, how far the nominal robot is off, and what the data do not tell."""
+    """Yield lines on what is not recorded, how far the nominal robot is off, and what data do not determine."""
     if missing := figures["missing_conditions"]:
         yield f"not recorded, so effects that depend on it cannot be tested: {', '.join(missing)}"
     undone = f", with {'; '.join(figures['undone'])}" if figures["undone"] else ""

@@ -23,7 +23,7 @@ def effects(robot: options.RobotFile = None, as_json: options.AsJson = False) ->
         options.say(f"{item['effect']}: {item['story']}", style="bold")
         instead = f", or {item['instead']}" if item["instead"] else ""
         options.print_indented(f"needs: {', '.join(item['needs']) or 'nothing but drives and measured poses'}{instead}")
-        # Values of one constant stand on one line.
+        # Values of the same constant are on one line.
         for _, alike in itertools.groupby(item["forms"], lambda form: form["one_of"] or form["form"]):
             form, *others = alike
             named = [f"{p['name']} [{p['unit']}]" for p in form["parameters"] if p["main"]]
@@ -36,7 +36,7 @@ def effects(robot: options.RobotFile = None, as_json: options.AsJson = False) ->
 
 
 def _library(model: RobotModel) -> list[dict[str, Any]]:
-    """Return the library with forms and parameters, as they are for a campaign that holds every condition."""
+    """Return the library with forms and parameters, for a campaign that has every condition."""
     from pouring_robot.diagnosis.rows import channel_names, local_parameters
     from pouring_robot.effects.available import all_effects
     from pouring_robot.effects.base import checked_forms

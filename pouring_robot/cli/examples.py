@@ -1,4 +1,4 @@
-"""``pouring-robot examples``: the examples that come with the package, where one can work with them."""
+"""``pouring-robot examples``: copies the examples of the package to a folder where one can work with them."""
 
 import shlex
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``pouring-robot regress``: the paper's joint regression on a table of thermal errors, judged on sets left out."""
+"""``pouring-robot regress``: the paper's joint regression on a table of thermal errors, with cross-validation."""
 
 from pathlib import Path
 from typing import Annotated, Literal

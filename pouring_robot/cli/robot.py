@@ -1,4 +1,4 @@
-"""``pouring-robot robot``: first files for robots of one's own."""
+"""``pouring-robot robot``: first files for a user's own robots."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def init(
     path = out or urdf.parent / ("robot_file.yaml" if loops_beside(urdf) else "robot.yaml")
     options.refuse_targets([path])
     mappings = options.by_name("--mapping", mapping, "dof=6")
-    text, found = first_robot(urdf, path, mappings)  # whatever does not load is refused before a file is written
+    text, found = first_robot(urdf, path, mappings)  # a robot that does not load is refused before a file is written
     options.write_all({path: text})
     drives = ", ".join(f"{drive.column} ({drive.command})" for drive in found.drives)
     frames = f"{found.loops.base_frame} to {found.loops.end_frame}"
@@ -54,7 +54,7 @@ def _two(help_: str) -> Any:
 
 @dataclass(frozen=True)
 class Sizes:
-    """What is known of a new machine."""
+    """Sizes of a new machine, as far as given."""
 
     name: Annotated[str | None, opt("Name of the layout.", show_default=False)] = None
     fixed_mm: Annotated[Pair, _two("Distances of the upper U joints along x and y.")] = None
@@ -100,7 +100,7 @@ def new(
 
 
 def _in_the_middle(layout: NewLayout) -> LadleLocation:
-    """Return where a new machine is in the middle of its workspace, or raise NoSolutionError."""
+    """Return the location of a new machine in the middle of its workspace, or raise NoSolutionError."""
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring_robot import PouringRobot
 
@@ -113,11 +113,11 @@ def _in_the_middle(layout: NewLayout) -> LadleLocation:
 
 
 def _asked(key: str, layout: NewLayout) -> Any:
-    """Ask for a value until it is one that the layout may have: a word, a number, or two numbers."""
+    """Ask for a value until it is valid for the layout: a word, a number, or two numbers."""
     from pouring_robot.robot.pouring.new_layout import QUESTIONS
 
     with contextlib.suppress(ImportError):
-        import readline  # noqa: F401  # lets arrow keys edit what is typed
+        import readline  # noqa: F401  # lets arrow keys edit the input
 
     usual = getattr(layout, key)
 
@@ -144,7 +144,7 @@ def _asked(key: str, layout: NewLayout) -> Any:
         if sys.stdin is not None:  # closed
             return typer.prompt(QUESTIONS[key], default=shown, value_proc=parsed)
     except typer.Abort:
-        print()  # behind the question
+        print()  # after the question
         if sys.stdin.isatty():  # Ctrl-C
             raise
     raise BadInputError("there is no terminal to answer questions; use --yes")

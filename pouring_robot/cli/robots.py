@@ -1,4 +1,4 @@
-"""``pouring-robot robots``: what is loaded."""
+"""``pouring-robot robots``: the loaded robots and their properties."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def robot_figures(robot: Robot) -> dict[str, Any]:
-    """Return what is known of a robot, ready for JSON: at the middle of its workspace, or at its home."""
+    """Return the properties of a robot, ready for JSON: in the middle of its workspace, or at its home."""
     from pouring_robot.robot.pouring_robot import PouringRobot
 
     mechanism, loops = robot.actual_solver.mechanism, robot.actual_solver.mechanism.loops
@@ -55,7 +55,7 @@ def robot_figures(robot: Robot) -> dict[str, Any]:
 
 
 def _determined(robot: Robot, location: Location) -> bool:
-    """Return whether the drives determine the pose of the drawing at a location."""
+    """Return whether the drives determine the nominal pose at a location."""
     from pouring_robot.exceptions import SingularPoseError
     from pouring_robot.mechanism.local_parameters import drive_parameters
     from pouring_robot.mechanism.transfer import closed_chain_transfer
@@ -68,14 +68,14 @@ def _determined(robot: Robot, location: Location) -> bool:
 
 
 def _at_the_edge(limits: tuple[float, float], unit: Literal["m", "rad"]) -> dict[str, Any]:
-    """Return limits given in m or rad in mm or degrees."""
+    """Return limits in m or rad converted to mm or degrees."""
     shown, size = joint_shown_in(unit)
     lower, upper = (_rounded([limit / size])[0] if math.isfinite(limit) else None for limit in limits)
     return {"lower": lower, "upper": upper, "unit": shown}
 
 
 def _rounded(values: Iterable[float]) -> list[float]:
-    """Return mm or degrees without the digits that only the change of unit made: -825, not -824.9999999999999."""
+    """Return mm or degrees without rounding errors from the conversion: -825, not -824.9999999999999."""
     return [round(float(value), 9) + 0.0 for value in values]
 
 
@@ -96,7 +96,7 @@ def robots(*, which: bundles.RobotOptions, as_json: options.AsJson = False) -> N
 
 
 def _print(robot: dict[str, Any], geared: Mapping[str, Literal["length", "angle"]]) -> None:
-    """Print what is known of a robot; of drives with a gear also what is commanded."""
+    """Print the properties of a robot; for drives with a gear also the command."""
     from pouring_robot.cli.shared.locations import unseen_note
 
     joints = f"{robot['joints']} {'chain ' if robot['loops'] else ''}joints"

@@ -1,4 +1,4 @@
-"""``pouring-robot sensitivity``: what each geometric error does alone, and which axes to control."""
+"""``pouring-robot sensitivity``: the effect of each geometric error alone, and which axes to control."""
 
 from pathlib import Path
 from typing import Annotated

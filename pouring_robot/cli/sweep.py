@@ -29,7 +29,7 @@ def sweep(
     as_json: options.AsJson = False,
 ) -> None:
     """Find out which tolerances matter, how far the tool is off, and the loosest tolerances that will do."""
-    # xarray, Zarr and SciPy take a second to import; only this command pays for it.
+    # xarray, Zarr and SciPy take a second to import; only this command needs them.
     from pouring_robot.sweeps import SweepConfig, SweepPlan, report, run_sweep
 
     study = SweepConfig.load(config)

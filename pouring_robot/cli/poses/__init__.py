@@ -1,1 +1,1 @@
-"""Commands about poses, cold or warm: where the robot is, along a path too, how it looks, what to command instead."""
+"""Commands about poses, cold or warm: where the robot is, also along a path, how it looks, what to command instead."""

@@ -1,4 +1,4 @@
-"""``pouring-robot compensate``: what to command so that the actual robot comes to where it should be."""
+"""``pouring-robot compensate``: what to command so that the actual robot reaches the wanted pose."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Found = TypeVar("Found", "Compensation", "DriveCompensation")
 
 @dataclass(frozen=True)
 class Asked:
-    """What shall be right, where, and what becomes of the answer."""
+    """What is to be correct, at which poses, and where the result is written."""
 
     poses: Annotated[
         Path | None, argument("POSES.csv", "Wanted poses, as 'path' reads them; or use --at-mm or --drives.")
@@ -135,7 +135,7 @@ def _ladle(
 
 
 def _sentences(found: Sequence[Compensation], *, closed: bool) -> Iterator[str]:
-    """Say how far off the ladle was, what is left, and what cannot be cancelled; the largest over all poses."""
+    """Yield sentences: the ladle's error before and after, and what cannot be cancelled; largest over all poses."""
     from pouring_robot.cli.poses.heat import unsettled_words
 
     word = "" if len(found) == 1 else "largest: "
@@ -179,7 +179,7 @@ def _print_commands(found: Sequence[Compensation]) -> None:
 
 
 def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> None:
-    """Compensate a whole path, or make the function that does it elsewhere."""
+    """Compensate a whole path, or make the C function that compensates."""
     from pouring_robot.compensation.path import compensate_path, make_controller
     from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 
@@ -236,7 +236,7 @@ def _cells(row: Iterable[object]) -> list[str]:
 
 
 def _largest(found: Sequence[DriveCompensation]) -> str:
-    """Say how far off a tool was and is, the largest over all poses."""
+    """Return a tool's errors before and after compensation, in words; the largest over all poses."""
     before, left = [one.before for one in found], [one.left for one in found]
     was, remains = (
         (max(size.distance_m for size in sizes) / MM, max(size.angle_rad for size in sizes) / MRAD)
@@ -253,7 +253,7 @@ def _each(
     under: RobotUnderConditions | None,
     bring: Callable[[Command, Robot], Found],
 ) -> list[Found]:
-    """Return what is found for each command; an error names the line of its table."""
+    """Return the result for each command; an error names its line in the table."""
     from pouring_robot.cli.shared.locations import in_its_unit
 
     def told(command: Command, standing: Robot) -> Found:

@@ -1,4 +1,4 @@
-"""How warm the robot is by the command line, and what is printed of it."""
+"""The heat of the robot according to the command line, and what is printed of it."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ThermalLaw:
-    """A thermal-model file at one temperature of the melt, and the same heat for the full closure, to be compared."""
+    """A thermal-model file at one melt temperature, and the same heat for the full closure, for comparison."""
 
     model: ThermalModel
     melt_degC: float
     heat: HeatSection
 
     def moves_m(self, pose: PlatformPose) -> FloatArray:
-        """Return what heat adds to the platform's position at a commanded pose, shape (3,), in m."""
+        """Return the platform's displacement by heat at a commanded pose, shape (3,), in m."""
         return self.model.displacement_m(self.melt_degC, _inputs(pose))
 
     def words(self, *poses: PlatformPose) -> str:
-        """Return where it comes from, what it does not know, and what of poses lies beyond what it was fitted to."""
+        """Return its source, the conditions it ignores, and values of poses outside the range of its fit, in words."""
         said = [f"thermal model of {self.model.source}", f"melt {self.melt_degC:g} degC"]
         if self.heat.after_min is not None or self.heat.ambient_degC is not None:
             said.append("ignoring time and surroundings")
@@ -58,12 +58,12 @@ class ThermalLaw:
         return {name: (np.asarray(shift) / MM).tolist() for name, shift in parts.items()}
 
     def print_sum(self, robot: Robot, full: LadleLocation) -> None:
-        """Print it beside the full closure."""
+        """Print the sum next to the full closure."""
         rows = [
             (name.replace("_", " "), *(f"{value:+z.3f}" for value in shift))
             for name, shift in self.sum_mm(robot, full).items()
         ]
-        # A title of the table would be broken at the table's width.
+        # A title of the table would be wrapped at the table's width.
         say(f"the paper's sum for the platform, mm; {self.words(full.commanded)}", style="italic")
         print_table(("", "x", "y", "z"), rows)
 
@@ -95,16 +95,16 @@ def thermal_law(path: Path | None, robot: Robot, heat: HeatSection | None, *, co
 
 @dataclass(frozen=True, eq=False)
 class Warmth:
-    """One command's answer, cold or warm."""
+    """The result for one command, cold or warm."""
 
     robot: Robot
     location: Location
     warm: tuple[HeatedRobot, WarmState] | None = None  # None: cold, without heat and temperatures
-    shares: dict[str, PoseShares] = field(default_factory=dict)  # what geometry and heat do, by frame
+    shares: dict[str, PoseShares] = field(default_factory=dict)  # errors by geometry and heat, by frame
 
     @classmethod
     def of(cls, robot: Robot, heated: HeatedRobot | None, command: Command, *, shares: bool = False) -> Warmth:
-        """Find it, and the shares of geometry and heat if they are wanted."""
+        """Compute it, and the shares of geometry and heat if ``shares`` is set."""
         from pouring_robot.cli.shared.locations import in_its_unit
 
         with in_its_unit(robot, command):
@@ -127,7 +127,7 @@ class Warmth:
         return found
 
     def print(self) -> None:
-        """Print what geometry and heat do alone and together, by how much they do not add up, and how warm it is."""
+        """Print errors by geometry and heat alone and together, their difference from the sum, and the heat."""
         if self.warm is None:
             return
         rows, (_, state) = [], self.warm
@@ -152,12 +152,12 @@ class Warmth:
 
 
 def _share_figures(shares: PoseShares) -> dict[str, Any]:
-    """Return the three shares and what they leave, in mm and mrad, ready for JSON."""
+    """Return the three shares and their difference from the sum, in mm and mrad, ready for JSON."""
     told: dict[str, Any] = {
         name: difference_figures(getattr(shares, name)) for name in ("geometry", "heat", "together")
     }
     left = difference_figures(shares.remainder)
-    del left["angle_mrad"]  # what rotation vectors leave is no rotation
+    del left["angle_mrad"]  # a difference of rotation vectors is not a rotation
     return told | {"not_the_sum_by": left}
 
 
@@ -165,14 +165,14 @@ def heated_of(robot: Robot, heat: HeatSection | None) -> HeatedRobot | None:
     """Return the robot with its heat, or None for a cold one."""
     if heat is None:
         return None
-    # The thermal network takes a while to import; only a warm robot pays for it.
+    # The thermal network is slow to import; only a warm robot needs it.
     from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot
 
     return HeatedRobot(with_melt(robot), heat)
 
 
 def twice_lines(robot: Robot, heat: HeatSection | None) -> tuple[str, ...]:
-    """Return, in a line, that the model's effects say what heat does, as the melt does; nothing if they do not."""
+    """Return a line that warns if both the melt and effects of the model apply heat; otherwise nothing."""
     if heat is None or not robot.model.conditional:
         return ()
     from pouring_robot.effects.available import all_effects
@@ -186,7 +186,7 @@ def twice_lines(robot: Robot, heat: HeatSection | None) -> tuple[str, ...]:
 
 
 def heat_line(heated: HeatedRobot, state: WarmState) -> str:
-    """Return on one line how warm the robot is."""
+    """Return the heat of the robot on one line."""
     return f"heat: {heated.told(state.field.told if state.field else '')}"
 
 
@@ -200,12 +200,12 @@ def alone_line(heat: HeatSection) -> str:
 
 
 def unsettled_words(unsettled_m: float) -> str:
-    """Return a warning where temperatures and pose did not settle to 1e-6 mm, or nothing."""
+    """Return a warning where temperatures and pose did not converge to 1e-6 mm, or nothing."""
     return "" if unsettled_m <= 1e-6 * MM else ": NOT settled"
 
 
 def heat_figures(heated: HeatedRobot, state: WarmState) -> dict[str, Any]:
-    """Return how warm the robot is, ready for JSON."""
+    """Return the heat of the robot, ready for JSON."""
     if heated.heat is None or state.field is None:
         return {"on": False}
     melt, ambient = heated.temperatures_degC

@@ -60,7 +60,7 @@ def path(
 
     def locate(command: Command, robot: Robot) -> warm.Warmth:
         one = warm.Warmth.of(robot, heated and heated.built_as(options.with_melt(robot)), command)
-        if as_json:  # may find a singular pose: before anything is written
+        if as_json:  # may raise at a singular pose: do it before anything is written
             figures.append(location_figures(one.location, one.robot.dexterity(one.location)) | one.figures())
         return one
 
@@ -90,7 +90,7 @@ def _at_once(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Say where the ladle is for all poses by the compiled engine."""
+    """Print where the ladle is for all poses, computed by the compiled engine."""
     import numpy as np
 
     from pouring_robot.io.tables import rows_csv
@@ -124,7 +124,7 @@ def _at_once(
 
 
 def _row(location: Location) -> Row:
-    """Return the pose that was commanded, or where the drawing puts the working frame, and the error there."""
+    """Return the commanded pose, or the nominal position of the working frame, and the error there."""
     from pouring_robot.robot.location import LadleLocation
 
     if isinstance(location, LadleLocation):

@@ -29,7 +29,7 @@ def pose(
     heated = warm.heated_of(present, law.heat if law else given)
     warmth = warm.Warmth.of(present, heated, command, shares=True)
     found, location = warmth.robot, warmth.location
-    # Both may find a singular pose: before anything is written.
+    # Both may raise at a singular pose: do them before anything is written.
     dexterity, weakness = found.dexterity(location), found.axis_weakness(location)
     notes = locations.location_notes(built, drawing, which.model)
     notes += (*conditions, *warm.twice_lines(built, given))

@@ -1,4 +1,4 @@
-"""``pouring-robot thermal``: what the melt does to the robot, at a pose or over a shift."""
+"""``pouring-robot thermal``: temperatures and displacements of the robot under the melt, at a pose or over a shift."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MOST_ROWS, _DRAWN = 2000, 121
 
 @dataclass(frozen=True)
 class Moved:
-    """What moves every part."""
+    """The causes under which displacements of every part are computed."""
 
     under: Annotated[
         Literal["heat", "weight", "both"] | None,
@@ -45,7 +45,7 @@ class Moved:
     )
 
     def check(self) -> None:
-        """Refuse what does not belong to what is asked, and what is no load and no temperature."""
+        """Refuse options that do not belong together, and impossible loads and temperatures."""
         import numpy as np
 
         from pouring_robot.io.quantities import first_fault
@@ -66,11 +66,11 @@ class Moved:
 
     @property
     def words(self) -> str:
-        """What it is under, in words."""
+        """The causes, in words."""
         return "heat and weight" if self.under == "both" else str(self.under)
 
     def parts(self, heated: HeatedRobot, pose: PlatformPose) -> MovedParts:
-        """Return how far every part moves, the drawing's parts yielding as their stiffness says where weight acts."""
+        """Return the displacement of every part; under weight the nominal parts yield according to their stiffness."""
         from pouring_robot.robot.pouring.stiffness import load_stiffness
         from pouring_robot.robot.pouring_under_weight import stiffness_at, truss_sag_m, under_weight
         from pouring_robot.thermal.expansion.displacement import DisplacementField, MovedParts
@@ -90,7 +90,7 @@ class Moved:
         return MovedParts(DisplacementField.of(state, self.ladle_degC), motion, warm)
 
     def blocks(self, moved: MovedParts) -> list[Block]:
-        """Return how far every part moved, as it is printed."""
+        """Return the displacement of every part, ready to be printed."""
         from pouring_robot.report.page import Paragraph, Table
         from pouring_robot.thermal.expansion.displacement import MOVED_HEAD
 
@@ -98,7 +98,7 @@ class Moved:
         return [Paragraph(f"moved under {self.words}: mm"), table, Paragraph(moved.truss_line)]
 
     def page(self, robot: PouringRobot, pose: PlatformPose, moved: MovedParts) -> str:
-        """Return a page with parts coloured by how far they moved."""
+        """Return a page with parts coloured by their displacement."""
         from pouring_robot.thermal.scene import displacement_scene
         from pouring_robot.viewer.page import page
 
@@ -195,7 +195,7 @@ def thermal(
 
 
 def _shift_page(robot: PouringRobot, shift: ShiftHeat, file: Path) -> str:
-    """Return a page that plays a shift, parts in the colours of their temperatures."""
+    """Return a page that plays a shift, with parts coloured by temperature."""
     from pouring_robot.thermal.scene import shift_scene
     from pouring_robot.viewer.page import page
 
@@ -203,7 +203,7 @@ def _shift_page(robot: PouringRobot, shift: ShiftHeat, file: Path) -> str:
 
 
 def _on_measured(heat: HeatSection, *, of_shift: bool) -> list[str]:
-    """Return how temperatures that the model file says were measured count, in a line if there are any."""
+    """Return a line on how measured temperatures in the model file are used, if there are any."""
     if not heat.measured_degC:
         return []
     values = ", ".join(f"{part} {value:g} degC" for part, value in heat.measured_degC.items())
@@ -220,7 +220,7 @@ def _check(
     moved: Moved,
     html: Path | None,
 ) -> None:
-    """Refuse what does not go together, of a pose that is held, a shift, and what is drawn of them."""
+    """Refuse inconsistent options for a held pose, a shift, and their pictures."""
     moved.check()
     if moved.under is None and history is None and html is not None:
         raise BadInputError("--html draws a shift or what --under asks for: give --history, or --under heat")
@@ -246,7 +246,7 @@ def _shift(
     *,
     picture: bool,
 ) -> tuple[ShiftHeat, ShiftHeat]:
-    """Follow a shift, and return it at the times wanted and, for a picture, at enough to draw curves."""
+    """Simulate a shift, and return it at the wanted times and, for a picture, at enough times to draw curves."""
     import numpy as np
 
     from pouring_robot.thermal.network.history import PoseSchedule, read_shift

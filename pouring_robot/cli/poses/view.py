@@ -1,4 +1,4 @@
-"""``pouring-robot view``: a robot to move, a path or a campaign, live in the browser, on this machine only."""
+"""``pouring-robot view``: moves a robot, or plays a path or a campaign, live in the browser, on this machine only."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def view(
         else:
             bench = _bench(present, commanded, exaggerate)
             scene = bench.scene
-    # Programs started in the background inherit Ctrl-C as ignored; this one ends with it all the same.
+    # Programs started in the background ignore Ctrl-C by inheritance; this one ends with it nevertheless.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     with serve(scene, port, bench) as live:
         options.say(f"the robot is shown at {live.url} (this machine only); Ctrl-C ends it")
@@ -66,7 +66,7 @@ def view(
 
 
 def _bench(robot: Robot, commanded: bundles.CommandOptions, exaggerate: float | None) -> RobotBench:
-    """Return the sliders of a robot, and the melt's where it carries one."""
+    """Return the bench of a robot, with sliders for the melt where it carries one."""
     from pouring_robot.robot.location import LadleLocation
     from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.robot.view.bench import RobotBench

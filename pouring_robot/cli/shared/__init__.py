@@ -1,1 +1,1 @@
-"""What subcommands have in common: options, tables, progress, and what is said of a location."""
+"""Common parts of subcommands: options, tables, progress, and the output on a location."""

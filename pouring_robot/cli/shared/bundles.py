@@ -1,4 +1,4 @@
-"""Options that go together and reach a subcommand as one object, and how typer gets to see them one by one."""
+"""Groups of options that a subcommand gets as one object, and how they are presented to typer one by one."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ Found = TypeVar("Found")
 
 @dataclass(frozen=True)
 class RobotOptions:
-    """The robot that is meant."""
+    """Options that choose the robot."""
 
     model: options.ModelFile = None
     robot: options.RobotFile = None
     layout: options.LayoutName = None
 
     def read(self) -> RobotModel:
-        """Return the model of a model file, or the drawing of a robot file or of a layout.
+        """Return the model of a model file, or the nominal model of a robot file or of a layout.
 
-        A line on standard error says of a model why it is not to be used.
+        A line on standard error warns if a model should not be used.
         """
         from pouring_robot.robot.model import RobotModel
 
@@ -56,9 +56,9 @@ class RobotOptions:
         return model
 
     def built(self, *, warm: bool = False, under: bool = False) -> Robot:
-        """Return the robot, cold and without what depends on conditions.
+        """Return the robot, cold and without effects that depend on conditions.
 
-        Unless the command cares for heat (``warm``) and conditions (``under``), a line says what is left out.
+        Unless the command applies heat (``warm``) and conditions (``under``), a line says what is left out.
         """
         from pouring_robot.robot.pouring_robot import robot_of
 
@@ -69,7 +69,7 @@ class RobotOptions:
 
 @dataclass(frozen=True)
 class CommandOptions:
-    """What it is sent to."""
+    """Options for the command to a robot."""
 
     at_mm: options.AtMm = None
     tilt_deg: options.TiltDeg = None
@@ -78,11 +78,11 @@ class CommandOptions:
 
     @property
     def given(self) -> bool:
-        """Whether any option says."""
+        """Whether any of the options is given."""
         return self != CommandOptions()
 
     def of(self, robot: Robot) -> Command:
-        """Return the command as this robot takes it."""
+        """Return the command for a robot."""
         import numpy as np
 
         if (self.at_mm is None) == (self.drives is None):
@@ -108,7 +108,7 @@ class CommandOptions:
 
 @dataclass(frozen=True)
 class ConditionOptions:
-    """Under which conditions it works."""
+    """Options for the conditions under which a robot works."""
 
     condition: Annotated[
         list[str] | None,
@@ -116,9 +116,9 @@ class ConditionOptions:
     ] = None
 
     def read_commands(self, robot: Robot, path: Path) -> Mapping[int, Command]:
-        """Return the commands of a table, by the line they stand on; conditions may stand beside them.
+        """Return the commands of a table by line number; the table may also have columns of conditions.
 
-        A line on standard error says which of these change nothing.
+        A line on standard error says which of these have no effect.
         """
         from pouring_robot.campaign.columns import condition_headings
         from pouring_robot.io.tables import read_table
@@ -137,9 +137,9 @@ class ConditionOptions:
         return found
 
     def of(self, robot: Robot, beside: Path | Mapping[str, Any] | None = None) -> RobotUnderConditions | None:
-        """Return a robot under its conditions, some maybe ``beside``: in a table of commands, or by heading.
+        """Return a robot under its conditions; ``beside``: further ones, in a table of commands or by heading.
 
-        None: nothing of it depends on any.
+        None: nothing in the robot depends on conditions.
         """
         if not robot.model.conditional:
             if self.condition:
@@ -154,7 +154,7 @@ class ConditionOptions:
         return RobotUnderConditions(robot, told | given)
 
     def refuse_with(self, option: str, robot: Robot) -> None:
-        """Refuse effects that depend on conditions, and conditions, beside an option that takes one robot for all."""
+        """Refuse effects that depend on conditions, and conditions, with an option that uses one robot for all."""
         if robot.model.conditional:
             effects = ", ".join(robot.model.conditional)
             raise BadInputError(
@@ -165,10 +165,10 @@ class ConditionOptions:
     def robots(
         self, robot: Robot, commands: Mapping[int, Command], poses: Path | None = None
     ) -> tuple[list[Robot], tuple[str, ...]]:
-        """Return the robot as it stands at each command, and what one should know of the conditions.
+        """Return the robot under the conditions of each command, and notes on the conditions.
 
-        Commands are by the line of their table ``poses``, if they are from one; if not, a line on standard error says
-        which conditions change nothing.
+        Commands are by line number in their table ``poses``, if they are from one; if not, a line on standard error
+        says which conditions have no effect.
         """
         under = self.of(robot, poses)
         if under is None:
@@ -184,14 +184,14 @@ class ConditionOptions:
 
 
 def say_idle(under: RobotUnderConditions, drives: ArrayLike) -> None:
-    """Say on standard error which conditions given by option change nothing at commands (n, drives), in m and rad."""
-    if under.given and (idle := ", ".join(under.idle(drives))):  # without any there is nothing to close again for
+    """Note on standard error which conditions given by option have no effect at commands (n, drives), m and rad."""
+    if under.given and (idle := ", ".join(under.idle(drives))):  # without conditions no second closure is needed
         options.note(f"--condition {idle} changes nothing here")
 
 
 @contextlib.contextmanager
 def at_line(path: Path | None, line: int) -> Iterator[None]:
-    """Say of an error which line of a table it comes from, if there is one."""
+    """Add the line number in a table, if there is one, to an error."""
     try:
         yield
     except NoSolutionError as error:
@@ -203,7 +203,7 @@ def at_line(path: Path | None, line: int) -> Iterator[None]:
 def each(
     commands: Mapping[int, Command], robots: Iterable[Robot], path: Path | None, stage: str, find: Callable[..., Found]
 ) -> list[Found]:
-    """Return what is found for each command and the robot at it; an error names the line of their table."""
+    """Return the result of ``find`` for each command and its robot; an error names the line in their table."""
     found: list[Found] = []
     with progress.stage_bars() as show:
         for (line, command), robot in zip(commands.items(), robots, strict=True):
@@ -215,7 +215,7 @@ def each(
 
 @dataclass(frozen=True)
 class Melt:
-    """How warm it is."""
+    """Options for the heat of a robot."""
 
     melt_degC: Annotated[
         float | None,
@@ -239,7 +239,7 @@ class Melt:
     )
 
     def of(self, robot: Robot) -> HeatSection | None:
-        """Return how warm this robot is, over what its model file says; None: cold."""
+        """Return the heat of a robot, with options overriding its model file; None: cold."""
         from pouring_robot.robot.heat_section import HeatSection
 
         if self.steady and self.after_min is not None:
@@ -266,14 +266,14 @@ class Melt:
 
 @dataclass(frozen=True)
 class Heat(Melt):
-    """How warm it is, if at all."""
+    """Options for the heat of a robot, including none."""
 
     cold: Annotated[bool, opt("Leave out the heat that the model file states.", "--cold")] = False
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """What is drawn and written of locations."""
+    """Options for pictures and files of locations."""
 
     html: Annotated[Path | None, writes("Write a self-contained meshcat page.")] = None
     png: options.PngFile = None
@@ -289,7 +289,7 @@ class Drawing:
     def files(
         self, locations: list[Location], model: RobotModel, *, warm: bool = False
     ) -> tuple[dict[Path, bytes | str], list[str]]:
-        """Return what was asked for, by the files that it is to be written to, and what :meth:`tree_notes` say."""
+        """Return the requested content by the file to which it is to be written, and :meth:`tree_notes`."""
         rows: list[JointRow] = []
         if self.joints is not None:
             from pouring_robot.robot.export.joints import JointRow
@@ -299,7 +299,7 @@ class Drawing:
         tips_m = [one.poses(one.loops.working_frame)[1].translation for one in locations]
         drawn, notes = self.joint_table(rows), self.tree_notes(rows, tips_m, model, warm=warm)
         if self.html or self.png:
-            # The drawing libraries take half a second to import; only commands that draw pay for it.
+            # The drawing libraries take half a second to import; only commands that draw need them.
             from pouring_robot.robot.view.nominal_and_actual import pose_scene
             from pouring_robot.viewer.page import page
             from pouring_robot.viewer.picture import png
@@ -309,15 +309,15 @@ class Drawing:
         return drawn, notes
 
     def joint_table(self, rows: Sequence[JointRow]) -> dict[Path, bytes | str]:
-        """Return the joint values of the robot as built, for the exported tree, by their file; {} if none is wanted."""
+        """Return the table of joint values as built, for the exported tree, by its file; {} if none is requested."""
         from pouring_robot.robot.export.joints import joints_text
 
         return options.wanted(self.joints, lambda: joints_text(rows, self.joints or Path()))
 
     def tree_notes(self, rows: Sequence[JointRow], tips_m: ArrayLike, model: RobotModel, *, warm: bool) -> list[str]:
-        """Say in a line by how much the exported tree misses a robot that is warm or under conditions.
+        """Return a line on the distance of the exported tree from a robot that is warm or under conditions.
 
-        By rows of its joints, if they were asked for, and where its tips are, (n, 3), in m.
+        It is computed from rows of joint values, if requested, and the robot's tip positions, (n, 3), in m.
         """
         if not rows or not (warm or model.conditional):
             return []
@@ -336,7 +336,7 @@ class Drawing:
 
 
 def group_of(about: str, commands: Iterable[Callable[..., None]]) -> typer.Typer:
-    """Return subcommands as a group; its help page shows the first sentence of each as a whole."""
+    """Return subcommands as a group, whose help page shows the first paragraph of each unabridged."""
     group = typer.Typer(
         help=about, short_help=about, add_completion=False, rich_markup_mode=None, context_settings=HELP_PAGE
     )
@@ -346,11 +346,11 @@ def group_of(about: str, commands: Iterable[Callable[..., None]]) -> typer.Typer
     return group
 
 
-HELP_PAGE = {"help_option_names": ["-h", "--help"], "max_content_width": 120}  # what help pages have in common
+HELP_PAGE = {"help_option_names": ["-h", "--help"], "max_content_width": 120}  # settings of all help pages
 
 
 def _spread(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command that typer can read: bundles are single options, and those that all commands have are added."""
+    """Return a command that typer can read: bundles become single options, and common options are added."""
     hints = get_type_hints(command, include_extras=True)
     flat: dict[str, inspect.Parameter] = {}
     bundles: dict[str, tuple[Any, list[str]]] = {}

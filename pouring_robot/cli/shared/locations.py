@@ -1,4 +1,4 @@
-"""What is said of a ladle's location on the terminal, and what is drawn of it."""
+"""Output on a ladle's location on the terminal, and in pictures."""
 
 import contextlib
 import math
@@ -30,7 +30,7 @@ def _cells(values: Iterable[float], *, sign: bool = False) -> list[str]:
 def print_location(location: Location) -> None:
     """Print the commanded drives, nominal and actual pose of the end body and its tools, such as ladle and lip.
 
-    Attitudes are rotation vectors, of poses in degrees as they are typed, of errors in mrad.
+    Attitudes are rotation vectors, those of poses in degrees, as in input, those of errors in mrad.
     """
     say(location.headline, style="bold")
     say(f"drives: {'  '.join(drive_words(location.nominal.mechanism, location.drives))}")
@@ -51,7 +51,7 @@ def print_location(location: Location) -> None:
 
 @contextlib.contextmanager
 def in_its_unit(robot: Robot, command: Command) -> Iterator[None]:
-    """Say of an error where a place that is commanded would be in reach in mm for m, or in m for mm; or what is."""
+    """Add to an error whether the commanded position would be in reach in another unit, or else the workspace."""
     try:
         yield
     except NoSolutionError as error:
@@ -65,13 +65,13 @@ def _in_another_unit(robot: Robot, command: Command) -> Iterator[str]:
     for factor in (1e3, 1e-3) if posed else ():
         other = replace(posed, position_m=factor * np.asarray(posed.position_m))
         with contextlib.suppress(NoSolutionError):
-            with contextlib.suppress(BadInputError):  # a place that is reached, and leaves other freedoms open
+            with contextlib.suppress(BadInputError):  # a position in reach that leaves other freedoms undetermined
                 robot.drives_of(other)
             yield f"with x, y, z {factor:g} times as large it is in reach: mm or m?"
 
 
 def _workspace(robot: Robot, command: Command, error: NoSolutionError) -> Iterator[str]:
-    """Yield the workspace of the pouring robot where a pose beyond it is out of reach."""
+    """Yield the workspace of the pouring robot if the pose is outside it and out of reach."""
     if (
         isinstance(error, UnreachablePoseError)
         and isinstance(robot, PouringRobot)
@@ -84,7 +84,7 @@ def _workspace(robot: Robot, command: Command, error: NoSolutionError) -> Iterat
 
 
 def location_notes(robot: Robot, drawing: Drawing, model_file: Path | None) -> list[str]:
-    """Return what a user should know of model and picture before reading the figures, one line each."""
+    """Return notes on model and picture that a user should know before reading the figures, one line each."""
     notes = []
     if robot.model.is_drawing and not robot.model.conditional:
         reason = "the model file holds no errors" if model_file else "no model file was given"
@@ -94,12 +94,12 @@ def location_notes(robot: Robot, drawing: Drawing, model_file: Path | None) -> l
 
 
 def unseen_note(joint: str) -> str:
-    """Return a line about a displaced joint that carries the whole robot, or stands beside what is measured."""
+    """Return a line about a displaced joint that carries the whole robot, or is not in the measured chain."""
     return f"displacing '{joint}' moves nothing between base and end body, so poses do not show it"
 
 
 def outside_notes(poses_outside: Iterable[bool]) -> list[str]:
-    """Return a line about those of a list of poses that are outside the workspace box, if there are any."""
+    """Return a line about the poses of a list that are outside the workspace box, if there are any."""
     outside = [str(i) for i, one in enumerate(poses_outside, start=1) if one]
     return [f"outside the workspace box: pose {', '.join(outside)}"] if outside else []
 
@@ -107,7 +107,7 @@ def outside_notes(poses_outside: Iterable[bool]) -> list[str]:
 def print_closure_note(
     location: Location, dexterity: Dexterity, weakness: AxisWeakness | None, notes: Sequence[str]
 ) -> None:
-    """Say what the closure found besides the pose: fit of the parts, rank, load, reach, sideways weakness."""
+    """Print results of the closure besides the pose: fit of the parts, rank, load, reach, sideways weakness."""
     nominal, actual = location.nominal, location.actual
     if location.loops.loops:
         say(
@@ -119,7 +119,7 @@ def print_closure_note(
                 f"the chains over-constrain the platform: {actual.rank - nominal.rank} equations more than rigid "
                 "parts can satisfy, so the open gap loads the joints"
             )
-        if location.loops.redundant_drives:  # the stiffness of joints would make of it what no line carries
+        if location.loops.redundant_drives:  # joint stiffness would convert it to loads that no line carries
             print_indented("the open gap is the disagreement of redundant drives, not a load")
         else:
             say(

@@ -1,7 +1,7 @@
-"""The options that subcommands share, the robot they name, and printing.
+"""Options that subcommands share, and printing.
 
-A file that is read is looked for, and a file or folder that is written to is refused if it would be replaced, while the
-command line is taken apart: before anything is imported for the work.
+While the command line is parsed, before anything is imported for the work, input files are checked for existence, and
+output files and folders are refused if they would be replaced.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Pair = tuple[float, float] | None
 Point = tuple[float, float, float]
 QUIET, OVERWRITE = ContextVar("quiet", default=False), ContextVar("overwrite", default=False)
 INPUTS = ContextVar("inputs", default=frozenset[Path]())
-"""Files that the command reads by its options, resolved."""
+"""Files that the command reads through its options, as resolved paths."""
 _WIDTH = 120
 _OUTPUTS = f"{__name__}.outputs"
 
@@ -53,7 +53,7 @@ def _may_overwrite(wanted: bool) -> bool:
 
 
 def there(path: Path | None) -> Path | None:
-    """Return the path of a file to read, which must be there."""
+    """Return the path of an input file, which must exist."""
     if path is not None and not path.exists():
         ours = path.parts[0] == "examples" and not Path("examples").exists()
         hint = "; 'pouring-robot examples copy examples' puts those of the package here" if ours else ""
@@ -62,19 +62,19 @@ def there(path: Path | None) -> Path | None:
 
 
 def _check_png(path: Path) -> None:
-    """Refuse a picture whose name promises another format."""
+    """Refuse a picture with the suffix of another format."""
     if path.suffix.lower() not in ("", ".png"):
         raise BadInputError(f"--png {path}: pictures are PNG; call it {path.with_suffix('.png')}")
 
 
 def _check_csv(path: Path) -> None:
-    """Refuse a CSV that by its name would be read as another format."""
+    """Refuse a CSV with a suffix by which it would be read as another format."""
     if path.suffix.lower() in PARQUET_SUFFIXES + EXCEL_SUFFIXES:
         check_ending(path, CSV_SUFFIXES)
 
 
 def check_joints(path: Path) -> None:
-    """Refuse a table of joints that is neither CSV nor JSON by its name."""
+    """Refuse a table of joints whose suffix is neither that of CSV nor of JSON."""
     check_ending(path, (".csv", ".json"))
 
 
@@ -82,19 +82,19 @@ _WRITES: set[Callable[..., Path | None]] = set()
 
 
 def opt(help: str, *name: str, **more: Any) -> Any:
-    """Return an option, which is called as its parameter is unless it has a name of its own."""
+    """Return an option, which has the name of its parameter unless another is given."""
     return typer.Option(*name, help=help, **more)
 
 
 def reads(help: str, metavar: str = "FILE") -> Any:
-    """Return the option of a file to read, which must be there."""
+    """Return the option for an input file, which must exist."""
     return opt(help, metavar=metavar, callback=there)
 
 
 def writes(help: str, metavar: str = "FILE", check: Callable[[Path], None] = lambda _: None) -> Any:
-    """Return the option of a file to write, whose name passes a check.
+    """Return the option for an output file, whose name must pass a check.
 
-    One that is there already is only replaced with ``--overwrite``.
+    An existing file is only replaced with ``--overwrite``.
     """
 
     def new(context: typer.Context, path: Path | None) -> Path | None:
@@ -110,19 +110,19 @@ def writes(help: str, metavar: str = "FILE", check: Callable[[Path], None] = lam
 
 
 def writes_csv(help: str) -> Any:
-    """Return the option of a CSV to write, as :func:`writes` does."""
+    """Return the option for a CSV output file, like :func:`writes`."""
     return writes(help, "FILE.csv", _check_csv)
 
 
 def argument(metavar: str, help: str) -> Any:
-    """Return the argument that is a file to read, which must be there."""
+    """Return the argument for an input file, which must exist."""
     return typer.Argument(metavar=metavar, help=help, callback=there)
 
 
 def results_folder(*files: str, what: str = "") -> Any:
-    """Return the option ``--out`` of a folder to write files into; those that are there are only so replaced.
+    """Return the option ``--out`` for an output folder; existing files are only replaced with ``--overwrite``.
 
-    ``files`` are known before the work; ``what`` more is written, in words.
+    ``files`` are known before the work; ``what`` describes further output.
     """
 
     def fresh(folder: Path | None) -> Path | None:
@@ -137,16 +137,16 @@ def results_folder(*files: str, what: str = "") -> Any:
 
 
 def is_output(annotation: Any) -> bool:
-    """Return whether an option's annotation is that of a file or folder to write."""
+    """Return whether an option's annotation is that of an output file or folder."""
     return any(getattr(info, "callback", None) in _WRITES for info in getattr(annotation, "__metadata__", ()))
 
 
 def _of_size(parameter: typer.CallbackParam, value: Any) -> Any:
-    """Return the numbers of an option, each finite and no larger than any quantity may be."""
+    """Return the value of an option after a check that its numbers are finite and of a plausible size."""
     if value is None:
         return None
     for number in value if isinstance(value, tuple) else str(value).replace(",", " ").split():
-        with contextlib.suppress(ValueError):  # what is no number is said where it is known how many are wanted
+        with contextlib.suppress(ValueError):  # other text is refused where the number of values is known
             size = float(number)
             if fault := size_fault(size) if math.isfinite(size) else f"{size} is not a finite number":
                 raise BadInputError(f"{parameter.opts[0]}: {fault}")
@@ -154,12 +154,12 @@ def _of_size(parameter: typer.CallbackParam, value: Any) -> Any:
 
 
 def refuse_targets(files: Iterable[Path]) -> None:
-    """Find out before the work whether the outputs can be written, and replace nothing without ``--overwrite``."""
+    """Check before the work that the outputs can be written and, without ``--overwrite``, that none exists."""
     check_outputs(list(files), overwrite=OVERWRITE.get())
 
 
 def refuse_inputs(files: Iterable[Path]) -> None:
-    """Refuse to write to a file that is read: ``--overwrite`` is of what was written before."""
+    """Refuse to write to an input file: ``--overwrite`` is for earlier outputs."""
     for path in files:
         if path.resolve() in INPUTS.get() and path.is_file():
             raise OutputError(path, "this command reads it; choose another name for the output")
@@ -201,7 +201,7 @@ Quiet = Annotated[bool, opt("Print nothing but errors and JSON.", "--quiet", "-q
 
 
 def with_melt(robot: Robot) -> PouringRobot:
-    """Return a robot whose melt warms it, and refuse any other than the pouring robot."""
+    """Return a robot that its melt warms, and refuse any but the pouring robot."""
     from pouring_robot.robot.pouring_robot import PouringRobot
 
     if isinstance(robot, PouringRobot):
@@ -214,7 +214,7 @@ def with_melt(robot: Robot) -> PouringRobot:
 
 
 def by_name(option: str, texts: Iterable[str] | None, such_as: str) -> dict[str, str]:
-    """Return what is said by an option that is repeated, NAME=VALUE each; BadInputError where one is not so."""
+    """Return the values, by name, of a repeated option NAME=VALUE; raises BadInputError for any other form."""
     said = dict[str, str]()
     for text in texts or ():
         name, equals, value = (part.strip() for part in text.partition("="))
@@ -227,7 +227,7 @@ def by_name(option: str, texts: Iterable[str] | None, such_as: str) -> dict[str,
 
 
 def note(*lines: str) -> None:
-    """Print notes on standard error, unless nothing but errors and JSON is to be printed."""
+    """Print notes on standard error, unless only errors and JSON are to be printed."""
     if not QUIET.get():
         for line in lines:
             print(f"note: {line}", file=sys.stderr)
@@ -240,32 +240,32 @@ def print_json(content: Any) -> None:
 
 
 def print_figures(figures: Mapping[str, Any], written: Iterable[Path] = ()) -> None:
-    """Print figures as JSON, with the files that were written at their end."""
+    """Print figures as JSON, followed by the written files."""
     print_json({**figures, "written": [str(path) for path in written]})
 
 
 def wanted(path: Path | None, content: Callable[[], bytes | str]) -> dict[Path, bytes | str]:
-    """Return what a file is to hold that was asked for, by its path; {} if none was."""
+    """Return the content of a requested file by its path; {} if no file was requested."""
     return {} if path is None else {path: content()}
 
 
 def write_all(files: Mapping[Path, bytes | str]) -> list[Path]:
-    """Write several files, all or none, and return them; what has appeared meanwhile stays without ``--overwrite``."""
+    """Write several files, all or none, and return them; without ``--overwrite`` no existing file is replaced."""
     refuse_inputs(files)
     return write_together(files, overwrite=OVERWRITE.get())
 
 
 def say(what: Any, style: str | None = None, *, soft_wrap: bool | None = None) -> None:
-    """Print a text or a table, unless nothing but errors and JSON is to be printed."""
+    """Print a text or a table, unless only errors and JSON are to be printed."""
     terminal().print(what, style=style, soft_wrap=soft_wrap)
 
 
 def terminal() -> Console:
-    """Return what is printed on: a terminal, or a file or pipe."""
+    """Return the console for standard output: a terminal, file or pipe."""
     from rich.console import Console
 
     console = Console(markup=False, highlight=False, quiet=QUIET.get())
-    if not console.is_terminal:  # whose width is unknown
+    if not console.is_terminal:  # its width is unknown
         console.width = max(console.width, _WIDTH)
     return console
 
@@ -277,12 +277,12 @@ def print_notes(notes: Iterable[str]) -> None:
 
 
 def print_written(written: Iterable[Path]) -> None:
-    """Say which files were written, one line each."""
+    """Print which files were written, one line each."""
     for path in written:
         say(f"wrote {path}", soft_wrap=True)
 
 
 def print_indented(line: str, by: int = 2) -> None:
-    """Print a line indented, and as far as it wraps too."""
+    """Print a line indented, including its continuation lines."""
     width, space = terminal().width, " " * by
     say(textwrap.fill(line, width, initial_indent=space, subsequent_indent=space, break_on_hyphens=False))

@@ -1,4 +1,4 @@
-"""Bars and lines that say on a terminal's error stream how far a command is; elsewhere nothing is shown."""
+"""Progress bars of a command on a terminal's error stream; elsewhere nothing is shown."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _TICK_S = 0.25
 
 
 def time_left(done: float, total: float | None, elapsed_s: float, since_s: float) -> str:
-    """Return how long it may take yet, counted down between steps too; nothing before the first step.
+    """Return the estimated remaining time, which also counts down between steps; nothing before the first step.
 
-    ``total`` is None if steps cannot be counted; ``since_s`` is the time since the last one was done.
+    ``total`` is None if steps cannot be counted; ``since_s`` is the time since the last step was done.
     """
     if not done or not total or done >= total:
         return ""
@@ -32,9 +32,9 @@ def time_left(done: float, total: float | None, elapsed_s: float, since_s: float
 
 @contextmanager
 def stage_bars() -> Iterator[Progress]:
-    """Show a bar a stage with the time gone and left, and take them away at the end.
+    """Show a bar per stage with elapsed and remaining time, and remove them at the end.
 
-    Yields what is told of each step; the time goes on between steps.
+    Yields the function to call at each step; times also advance between steps.
     """
     from rich import progress
     from rich.console import Console
@@ -47,7 +47,7 @@ def stage_bars() -> Iterator[Progress]:
             return False  # Ctrl-Z, could not show it again
 
     class Bars(progress.Progress):
-        def get_renderable(self) -> Constrain:  # behind which the terminal's own ^C stays in the line that is cleared
+        def get_renderable(self) -> Constrain:  # leaves room for the terminal's own ^C in the line that is cleared
             return Constrain(super().get_renderable(), errors.width - len("^C^C"))
 
     class Left(progress.ProgressColumn):
@@ -82,7 +82,7 @@ def stage_bars() -> Iterator[Progress]:
                     bars.update(known.id, visible=known.finished)
                 if stage not in tasks:
                     told, now = stage[: max(errors.width - _BESIDE, 10)], time.monotonic()
-                    # Steps done before took none of its time: those of a sweep that goes on.
+                    # Steps of an earlier run, in a resumed sweep, took none of its time.
                     tasks[stage] = bars.add_task(told, total=total or None, stepped=now, first=done)
                 bars.update(tasks[stage], completed=done, total=total or None, stepped=time.monotonic(), visible=True)
 
@@ -91,9 +91,9 @@ def stage_bars() -> Iterator[Progress]:
 
 @contextmanager
 def _ticking(act: Callable[[], None], busy: threading.Lock) -> Iterator[None]:
-    """Act again and again, by a signal: beside a thread that did so no work could be copied to another core.
+    """Act repeatedly, by a signal: next to a thread that did so, work could not be forked to another core.
 
-    What is busy is let be: a terminal may take its time (Ctrl-S), and signals come in the midst of writing to it.
+    Nothing is done while ``busy``: a terminal may be slow (Ctrl-S), and signals arrive while it is being written to.
     """
 
     def tick(*_: object) -> None:

@@ -1,4 +1,4 @@
-"""One look for every table on the terminal."""
+"""The same layout for every table on the terminal."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def print_table(
     most: int | None = None,
     beyond: str = "",
 ) -> None:
-    """Print a table of plain texts without a frame, of a long one its beginning and what is said of the others.
+    """Print a table of plain texts without a frame; of a long one the first ``most`` rows and a line on the others.
 
-    Cells at the end of a row may be left out. Columns in ``left`` are texts, set to the left; the others are figures,
-    set to the right. Where a terminal is too narrow, texts go on in the next line if that makes the rows fit, or else
-    the last columns do; no word and no figure is broken. Rows in ``bold`` stand out.
+    Cells at the end of a row may be left out. Columns in ``left`` are texts, left-aligned; the others are figures,
+    right-aligned. Where a terminal is too narrow, texts are wrapped if that makes the rows fit; otherwise the last
+    columns continue on the next line. No word or figure is broken. Rows in ``bold`` are highlighted.
     """
     from rich.text import Text
 
@@ -49,7 +49,7 @@ def print_table(
 
 
 def _set(rows: Sequence[Sequence[str]], left: Collection[int], room: float) -> Iterator[list[str]]:
-    """Yield each row as the lines that it takes where there is room for so many letters."""
+    """Yield each row as the lines that it needs in a width of ``room`` characters."""
     widths, gap = _widths(list(zip(*rows, strict=True)), left, room)
     parts = _parts(widths, gap, room)
     for row in rows:
@@ -66,7 +66,7 @@ def _set(rows: Sequence[Sequence[str]], left: Collection[int], room: float) -> I
 
 
 def _widths(columns: Sequence[Sequence[str]], left: Collection[int], room: float) -> tuple[list[int], int]:
-    """Return how wide each column is and the gap between them: texts narrower where that makes all fit."""
+    """Return the widths of the columns and the gap between them; texts are narrowed where that makes all fit."""
     widths = [max(map(len, column)) for column in columns]
     least = {k: max(len(word) for cell in columns[k] for word in (*cell.split(), "")) for k in left}
     narrowest = [least.get(k, width) for k, width in enumerate(widths)]
@@ -79,7 +79,7 @@ def _widths(columns: Sequence[Sequence[str]], left: Collection[int], room: float
 
 
 def _parts(widths: Sequence[int], gap: int, room: float) -> list[list[int]]:
-    """Return which columns stand beside each other: those for which there is no room go on further in, a gap in."""
+    """Return the columns of each line: those for which there is no room continue on a line indented by the gap."""
     parts = [list[int]()]
     for k in range(len(widths)):
         further_in = gap * (len(parts) > 1)
@@ -94,7 +94,7 @@ def _taken(widths: Sequence[int], gap: int) -> int:
 
 
 def print_blocks(blocks: Iterable[Block]) -> None:
-    """Print the blocks of a page, its plots left out."""
+    """Print the blocks of a page, without its plots."""
     from pouring_robot.report.page import Heading, Lines, Paragraph, Table
 
     for block in blocks:
@@ -107,7 +107,7 @@ def print_blocks(blocks: Iterable[Block]) -> None:
 
 
 def print_lines(lines: Iterable[str]) -> None:
-    """Print a list; a line that begins with a blank stands further in, a command at its end by itself, to be copied."""
+    """Print a list; a line with a leading blank is indented further, a command at its end gets its own line to copy."""
     for line in lines:
         text, command, arguments = line.strip().partition(_COMMAND)
         by = 2 + len(line) - len(line.lstrip())
@@ -117,5 +117,5 @@ def print_lines(lines: Iterable[str]) -> None:
 
 
 def print_rows(head: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
-    """Print a table of figures, a row a pose, all set to the right; of a long one its beginning."""
+    """Print a table of figures, a row per pose, right-aligned; of a long one the first rows."""
     print_table(head, rows, (), title=title, most=_MOST_ROWS, beyond="more; --out FILE.csv writes all")
