@@ -2,11 +2,11 @@
 
     python scripts/compare_outputs.py ../before . [--campaigns ../shared/campaigns --cases 0:60:10] [--only 'readme/*']
 
-Both sides use this interpreter, the same arguments and file names, each its own scratch folder in which the
-checkout's ``examples``, ``scripts`` and ``tests`` stand as links. Compared are exit codes, standard output, of
-refusals standard error, and every text file and Zarr array written: texts exactly, save runs of blanks and times taken,
-numbers within tolerances. A decimal number may also differ by one in its last printed digit, where rounding tips.
-Pictures, pages and meshes need only be there. Prints a line a command; exit code 1 if one differs.
+Both sides use this interpreter and the same arguments and file names, each in its own scratch folder with links to the
+checkout's ``examples``, ``scripts`` and ``tests``. Compared are exit codes, standard output, standard error of refused
+commands, and every text file and Zarr array written: texts exactly, except for runs of blanks and elapsed times,
+numbers within tolerances. A decimal number may also differ by one in its last printed digit, by rounding. Pictures,
+pages and meshes need only exist. Prints a line per command; exit code 1 if one differs.
 """
 
 from __future__ import annotations

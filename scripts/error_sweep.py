@@ -1,6 +1,6 @@
-"""Which machining errors matter? Load a robot, say how well it is made, and look at the worst ten.
+"""Which machining errors matter? Load a robot, state how accurately it is made, and look at the worst ten.
 
-Copy this file and change the errors to those of your workshop. Run it again after a break: it goes on where it stopped.
+Copy this file and change the errors to those of your workshop. Run it again after an interruption: it continues.
 """
 
 from __future__ import annotations

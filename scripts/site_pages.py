@@ -1,4 +1,4 @@
-"""What the site has besides the pages of ``docs/``: changes, API, formulas as MathML; links out of it become names.
+"""Parts of the site besides the pages of ``docs/``: changes, API, formulas as MathML; links to outside become names.
 
 A hook of MkDocs, named in ``mkdocs.yml``; the package itself is read, not imported.
 """

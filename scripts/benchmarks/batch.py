@@ -1,8 +1,8 @@
 """Measure the batch engine against the one-at-a-time solver, the arithmetic floor, and itself as work grows.
 
-Everything is measured in one run on one machine, so the ratios hold where the absolute times do not. The floor is
-the least arithmetic the method needs, at the rate a compiled loop of independent multiply-adds reaches here; it is
-an estimate to judge distances by, not a bound.
+Everything is measured in one run on one machine, so ratios are transferable where absolute times are not. The floor is
+the least arithmetic the method needs, at the rate of a compiled loop of independent multiply-adds on this machine; it
+is an estimate for comparison, not a bound.
 """
 
 from __future__ import annotations

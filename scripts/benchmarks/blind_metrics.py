@@ -1,4 +1,4 @@
-"""The figures a diagnosis is held to, from blind trials: rates with Wilson intervals, medians with theirs."""
+"""Figures by which a diagnosis is judged in blind trials: rates with Wilson intervals, medians with their intervals."""
 
 from __future__ import annotations
 

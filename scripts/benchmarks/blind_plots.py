@@ -1,4 +1,4 @@
-"""The pictures of blind trials: how far stated probabilities hold, and from which size on effects are named."""
+"""Pictures of blind trials: how well stated probabilities are calibrated, and from which size on effects are named."""
 
 from __future__ import annotations
 

@@ -7,10 +7,10 @@
     python -m scripts.benchmarks.blind_trials --folder D --told                       # … told how joints are made
     python -m scripts.benchmarks.blind_trials --records a.json b.json --plot p.png    # figures again, no diagnosis
 
-Case k of seed S is ``python -m tests.rig --seed S``'s case k. A single effect of 3 times the noise or more is diagnosed
-a second time with that effect taken out of the library. Each worker computes on its share of the cores; with
-``--workers 1`` the seconds are those on all cores. Records carry the seeds. Exit code 1 if a figure falls short of what
-it must reach, or a diagnosis crashed.
+Case k of seed S is case k of ``python -m tests.rig --seed S``. A single effect of 3 times the noise or more is
+diagnosed a second time with that effect removed from the library. Each worker computes on its share of the cores; with
+``--workers 1`` the seconds are those on all cores. Records contain the seeds. Exit code 1 if a figure misses its
+requirement, or a diagnosis crashed.
 """
 
 from __future__ import annotations

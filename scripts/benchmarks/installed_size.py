@@ -1,9 +1,9 @@
-"""How much an installation weighs, by what asks for it: of the environment that runs this, without pip's own.
+"""Size of an installation by the dependency that requires it: of the environment that runs this, without pip itself.
 
     python -m venv fresh && fresh/bin/pip install . && fresh/bin/python scripts/benchmarks/installed_size.py
 
-Sizes are those of the files that each distribution brought, pip's copies of links and compiled Python among them. A
-distribution counts with the first group that asks for it, directly or by others.
+Sizes are those of the files that each distribution installed, including pip's copies of links and compiled Python. A
+distribution counts for the first group that requires it, directly or indirectly.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Measure how many poses of a path a second are compensated and located, cold and warm.
+"""Measure how many poses of a path are compensated and located per second, cold and warm.
 
     python -m scripts.benchmarks.paths                # a straight way through the workspace, and poses at random
     python -m scripts.benchmarks.paths --poses 100
 
-Processor seconds are those of all threads: what a pose costs whatever else the machine does.
+Processor seconds are those of all threads: the cost of a pose regardless of other load on the machine.
 """
 
 from __future__ import annotations

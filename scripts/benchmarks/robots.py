@@ -1,9 +1,9 @@
-"""Measure the batch engines on robots of any topology: closures a second, and G of many poses.
+"""Measure the batch engines on robots of any topology: closures per second, and G of many poses.
 
     python scripts/benchmarks/robots.py examples/robots/*/robot.yaml
 
-Each robot is followed from its home to random drives between its limits, then closed again from 0.01 (m or rad) off,
-with errors in every placement. Prints a Markdown table; the figures hold on the machine and under the load of the run.
+Each robot is moved from its home to random drive values between its limits, then closed again from 0.01 (m or rad)
+away, with errors in every placement. Prints a Markdown table; figures hold for the machine and load of the run.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Measure how fast the loops close, how often, and how exactly, one pose at a time; and how fast robots are calibrated.
 
-Machines differ and are noisy, so each time is also given as a multiple of a unit of work measured right beside it:
-one call of Pinocchio's joint Jacobians with the four loop anchors, what any solver pays at every iteration.
+Machines differ and are noisy, so each time is also given as a multiple of a unit of work measured at the same time: one
+call of Pinocchio's joint Jacobians with the four loop anchors, which any solver needs at every iteration.
 
 A new benchmark is a function from :class:`Setting` to :class:`Measurement`, added to :data:`BENCHMARKS`.
 """

@@ -5,8 +5,8 @@
     python -m scripts.paper sections [--seed 2022] [--layout paper] [--out FOLDER]
     python -m scripts.paper readings [--seed 2022] [--out FOLDER]
 
-Each part prints a table with one row a claim (what the paper says, what we compute, the verdict and why) and writes it
-with its figures to a folder. Exit codes: 0 done, 2 bad input, 3 no solution.
+Each part prints a table with one row per claim (what the paper says, what we compute, the verdict and why) and writes
+it with its figures to a folder. Exit codes: 0 done, 2 bad input, 3 no solution.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A claim of the paper beside our figures, and the verdict that follows from them by a stated rule."""
+"""A claim of the paper, our figures, and the verdict that follows from them by a stated rule."""
 
 from __future__ import annotations
 

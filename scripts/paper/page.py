@@ -1,4 +1,4 @@
-"""A part of the paper, claim by claim: what the pages of its studies have in common."""
+"""Common parts of the pages that check a part of the paper claim by claim."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""Every reading of what the paper leaves open, scored on the claims of its sections 4 and 5.
+"""Every interpretation of what the paper leaves open, scored on the claims of its sections 4 and 5.
 
-Open are: whether M N m n are full or half sizes, and which lie in x; the sign of the tilt r; along which of its two
-directions a common normal points in the lower half of a leg; whether an error "reaches" a size at its largest or in the
-mean; the range of melt temperatures of Fig. 9. Verdicts and their rules are those of the two studies, at fewer poses.
+The paper leaves open whether M N m n are full or half sizes, and which of them are along x; the sign of the tilt r;
+which of its two directions a common normal has in the lower half of a leg; whether an error "reaches" a size at its
+largest or in the mean; and the range of melt temperatures in Fig. 9. Verdicts and their rules are those of the two
+studies, at fewer poses.
 """
 
 from __future__ import annotations

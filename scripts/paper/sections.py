@@ -1,8 +1,8 @@
 """What the paper says outside its sections 4 and 5: abstract, 2, 3, 6 and 7. It has no measured data anywhere.
 
-Geometric errors are drawn evenly within the paper's 0.2 mm and 4 mrad; the network and least squares of section 6 learn
-from a virtual measurement of one such robot with errors of a tenth of that, noise of 0.02 mm, and are judged on poses
-that neither has seen.
+Geometric errors are drawn uniformly within the paper's 0.2 mm and 4 mrad. The network and the least squares of section
+6 learn from a virtual measurement of one such robot with errors of a tenth of that and noise of 0.02 mm, and are judged
+on held-out poses.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The paper's tables as far as a reader has them: ``paper_tables.yaml``."""
+"""The paper's tables, as far as a reader has entered them: ``paper_tables.yaml``."""
 
 from __future__ import annotations
 

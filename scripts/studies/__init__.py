@@ -1,1 +1,1 @@
-"""Studies behind figures of the documentation: calibration on virtual robots and on folders of campaigns, planning."""
+"""Studies behind figures in the documentation: calibration on virtual robots and on folders of campaigns, planning."""

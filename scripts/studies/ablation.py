@@ -4,8 +4,8 @@
     python -m scripts.studies.ablation --folder DIR --without "bent effects"   # campaigns with truth.json, one choice
     python -m scripts.studies.ablation --arm                                   # what is said of a real arm
 
-Each row is one choice: how many trials say what they should with it switched off, and which ones it lost and won
-against the diagnosis as it is. A choice that loses nothing here is not shown to be needed.
+Each row is one choice: how many trials have the correct answer with it switched off, and which ones it lost and won
+against the unchanged diagnosis. A choice whose removal loses nothing here is not shown to be needed.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Does calibration say the truth? Coverage of the 95 % intervals and held-out error on many virtual robots.
+"""Is calibration right? Coverage of the 95 % intervals and held-out error on many virtual robots.
 
     python scripts/studies/calibration.py --runs 400 --parameters geometry --json study.json
 
 Each run draws a robot from the tolerances, measures it with :func:`~pouring_robot.simulate_campaign` (the
-one-at-a-time closure, not the batch engine), identifies it from the training blocks, and compares: how often do the
-95 % intervals hold the true values, and how far are held-out rows from their prediction against the noise.
+one-at-a-time closure, not the batch engine), identifies it from the training blocks, and compares how often the 95 %
+intervals contain the true values, and how large the held-out error is relative to the noise.
 """
 
 from __future__ import annotations

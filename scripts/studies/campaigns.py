@@ -1,10 +1,10 @@
-"""Calibrate every campaign of a folder with geometry only, and say what that does to rows that were held out.
+"""Calibrate every campaign of a folder with geometry only, and report the held-out error.
 
     python scripts/studies/campaigns.py ../campaigns --json figures.json
 
 Each sub-folder holds ``campaign.csv`` and ``campaign.yaml``; ``truth.json``, where there is one, is read after the fit
 and only to sort the table by its ``kind``. Prints a Markdown table and a summary; exit code 1 if the held-out error,
-positions and rotations each over their noise, came out worse than without calibration, or a null case was moved.
+positions and rotations each over their noise, is larger than without calibration, or a null case was changed.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
-"""The closed pose by engines that know nothing of ours: MuJoCo with our MJCF, Drake with our SDF.
+"""The closed pose by engines independent of ours: MuJoCo with our MJCF, Drake with our SDF.
 
-MuJoCo is let go with every joint off by itself, and comes to rest by its own dynamics. Drake's joints make a tree: the
-forces of bushings and bodies, as Drake adds them up, are brought to balance by Newton's method, drives held. ``write``
-needs the package, ``check`` one of the engines and SciPy, in any environment:
+MuJoCo is started with every joint displaced, and comes to rest by its own dynamics. Drake's joints form a tree: the
+forces of bushings and bodies, as summed by Drake, are balanced by Newton's method, with drives held. ``write`` needs
+the package, ``check`` one of the engines and SciPy, in any environment:
 
     python scripts/studies/closure_elsewhere.py write FOLDER
     OTHER_PYTHON scripts/studies/closure_elsewhere.py check FOLDER
 
-Cases, fifty poses spread over the workspace each: the drawing; joint centres off by 0.5 mm; axes tilted by 1 mrad under
-gravity and 500 kg in the ladle, the loops as stiff as ``loops.yaml`` says. MuJoCo's servos yield as its file says, and
-are given to our closure as yielding drives; Drake's drives are rigid, and so are ours then.
+Cases, each with fifty poses spread over the workspace: the drawing; joint centres off by 0.5 mm; axes tilted by 1 mrad
+under gravity and 500 kg in the ladle, with the loop stiffness of ``loops.yaml``. MuJoCo's servos are as compliant as
+its file says, and our closure gets drives of the same compliance; Drake's drives are rigid, and so are ours then.
 """
 
 from __future__ import annotations

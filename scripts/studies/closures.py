@@ -2,14 +2,14 @@
 
     python scripts/studies/closures.py --count 1000000 --times 10 --singly 500
 
-Every joint of the drawing is displaced evenly within the paper's 0.2 mm and 4 mrad, so many times, along and about
-every axis; commands are spread over the workspace. Large errors grow in steps inside the solvers, so that of several
-assembly modes the one is found that grows out of the drawing's. Here each sample is also closed straight from the
-drawing's pose, which shows how many have another mode nearby, and with errors that grow in twenty steps. Whatever these
-say otherwise, and whatever is refused because its mode ends, is followed in two thousand steps, which tell: a mode
-that ends in a fold nears its end as the square root of what is missing, no step more than 1 + sqrt(2) times the one
-before, and then jumps. Some are closed one at a time too, by the solver of single poses, those that are refused for
-their mode's end among them. Prints a Markdown table; exit code 1 if an answer is wrong or the two solvers differ.
+Every joint of the drawing is displaced uniformly within a multiple of the paper's 0.2 mm and 4 mrad, along and about
+every axis; commands are spread over the workspace. The solvers apply large errors in steps, so that of several assembly
+modes they find the one continuous with the drawing's. Here each sample is also closed directly from the drawing's pose,
+which shows how many have another mode nearby, and with errors applied in twenty steps. Samples for which these differ,
+and those refused because their mode ends, are followed in two thousand steps, which decide: a mode that ends in a fold
+approaches its end as the square root of the remaining distance, no step more than 1 + sqrt(2) times the one before, and
+then jumps. Some samples are also closed one at a time by the solver for single poses, including those refused because
+their mode ends. Prints a Markdown table; exit code 1 if an answer is wrong or the two solvers differ.
 """
 
 from __future__ import annotations

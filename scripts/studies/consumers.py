@@ -1,7 +1,7 @@
-"""Other programs with the exported robot: do they load it, draw all of it, weigh the same, and put the lip where we do?
+"""Other programs with the exported robot: do they load it, draw all of it, and find the same mass and pose of the lip?
 
-``write`` needs the package; ``check`` needs only the programs, each a row where it is installed, so that they may live
-in an environment of their own:
+``write`` needs the package; ``check`` needs only the programs, with a row for each that is installed, so that they may
+be in another environment:
 
     python scripts/studies/consumers.py write FOLDER
     OTHER_PYTHON scripts/studies/consumers.py check FOLDER [NAME ...]

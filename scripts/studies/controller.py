@@ -3,8 +3,8 @@
     python -m scripts.studies.controller            # cold, then with the melt at 1700 degC (two minutes)
     python -m scripts.studies.controller --poses 100 --seeds 2
 
-``differs`` is the largest difference of a leg's command and of the tilt drive's from those that the package finds;
-``stated`` is what the header says of itself.
+``differs`` is the largest difference of the commands of legs and tilt drive from those of the package; ``stated`` is
+the error that the header states.
 """
 
 from __future__ import annotations

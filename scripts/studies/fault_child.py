@@ -1,8 +1,8 @@
-"""The command line of one process, with something that happens to it; the process is new, or a fork of a warm one.
+"""The command line in one process that is disturbed; the process is new, or a fork of a warm one.
 
     python -m scripts.studies.fault_child FOLDER AT WHAT pose --at-mm -100 20 -600
 
-A warm process has the package loaded, which is most of what a short command takes.
+A warm process has the package loaded, which is most of the time of a short command.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Places where a command cannot write as it would: full disks, strange names, clocks, two runs at once, and more."""
+"""Situations in which a command cannot write normally: full disks, strange names, clocks, two runs at once, etc."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A command that writes, stopped or disturbed in a process of its own, and what it leaves: for the study of faults."""
+"""A writing command, stopped or disturbed in a separate process, and the files it leaves: for the study of faults."""
 
 from __future__ import annotations
 

@@ -1,15 +1,15 @@
-"""Stop every writing command at random moments, or take its place away, and see what it leaves.
+"""Stop every writing command at random moments, or obstruct its output, and check the files it leaves.
 
     python -m scripts.studies.faults moments --count 200 --seed 1
     python -m scripts.studies.faults places
 
-``moments``: SIGKILL and SIGINT, in turn, half of them at a moment of the command's time, of which half count from the
-start of Python, and half just before one of the operations by which it makes, renames or removes files. What it leaves
-must be whole or absent, an interrupt ends with one line and exit code 130, and the same command, run again, ends with
-the same bytes as one that was never stopped.
-``places``: full disks, folders that may not be written to, no home, strange names, locales, clocks, two runs at once.
-Each command ends right, or with one line and exit code 2 or 3. Both print a Markdown table, and what was wrong; exit
-code 1 if anything was. Needs the right to mount disks and to become another user.
+``moments``: SIGKILL and SIGINT, alternately; half of them at a moment of the command's time, of which half count from
+the start of Python, and half just before one of the operations that create, rename or remove files. Files must be
+complete or absent, an interrupt ends with one line and exit code 130, and the same command, run again, ends with the
+same bytes as one that was never stopped.
+``places``: full disks, folders without write permission, no home, strange names, locales, clocks, two runs at once.
+Each command must succeed, or end with one line and exit code 2 or 3. Both print a Markdown table and the failures; exit
+code 1 if there are any. Needs permission to mount disks and to become another user.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Damage every file a user hands in, at random, and see what comes of it: it is read, or refused in one line.
+"""Damage every kind of input file at random, and check that it is read, or refused in one line.
 
     python scripts/studies/fuzz_files.py --count 100000 --seed 1 --kind model --kind urdf
 
-An input is a sound file with one to four damages: pieces cut, doubled, exchanged, numbers and words replaced by nasty
-ones, bytes changed. Each batch is read in a process of its own, so that a crash of a library is seen, too. What is
-neither read nor refused in one line, takes over 10 s or over 2 GB is kept (``--keep FOLDER``) and counted as a fault;
-exit code 1 if there is any. Prints a Markdown table.
+An input is a valid file with one to four damages: pieces cut, duplicated or exchanged, numbers and words replaced by
+harmful ones, bytes changed. Each batch is read in a separate process, so that a crash of a library is detected, too. An
+input that is neither read nor refused in one line, or takes over 10 s or over 2 GB, is kept (``--keep FOLDER``) and
+counted as a fault; exit code 1 if there is any. Prints a Markdown table.
 """
 
 from __future__ import annotations

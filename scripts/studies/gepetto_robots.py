@@ -1,14 +1,14 @@
-"""Close the example robots of another project, and hold G against differences of closures.
+"""Close the example robots of another project, and compare G with differences of closures.
 
     git clone https://github.com/Gepetto/example-parallel-robots
     python -m scripts.studies.gepetto_robots example-parallel-robots/robots
     python -m scripts.studies.gepetto_robots example-parallel-robots/robots --toolbox toolbox-parallel-robots
 
-Each folder with a ``robot.yaml`` and a URDF is one robot. It is closed from its neutral pose; drives give way where it
-cannot close with them at zero. Then its drives step to 40 random targets up to 0.2 rad (or 0.2 m) away, reachable or
-not, each closed from there. The observed frame is the one with the most joints before it that the drives determine.
-Prints a Markdown table; a robot that fails has its reason in one line. With --toolbox, the first of the same targets
-are closed by that project's own closure as well.
+Each folder with a ``robot.yaml`` and a URDF is one robot. It is closed from its neutral pose; drives are released where
+it cannot close with them at zero. Then its drives step to 40 random targets up to 0.2 rad (or 0.2 m) away, reachable or
+not, each closed from there. The observed frame is, of those that the drives determine, the one with the most joints
+before it. Prints a Markdown table; a robot that fails has its reason in one line. With --toolbox, the first of the same
+targets are also closed by that project's own closure.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Another project's closure beside ours, in one run: Gepetto's toolbox-parallel-robots, as cloned from GitHub.
+"""Another project's closure compared with ours in one run: Gepetto's toolbox-parallel-robots, as cloned from GitHub.
 
 Its package imports CasADi for all of its functions; the SciPy ones need none, and are what runs here.
 """

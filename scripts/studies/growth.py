@@ -1,10 +1,10 @@
-"""Run commands on more and more rows, poses or samples, each in a process of its own, and say what they take.
+"""Run commands on increasing numbers of rows, poses or samples, each in a separate process, and report their cost.
 
     python scripts/studies/growth.py --longest 180
 
-A size is tried if that before took, in proportion to the sizes, less than ``--longest`` seconds of processor.
-Prints a Markdown table: seconds of processor, largest memory, and the exponent to which time has grown since the size
-before (1: in proportion).
+A size is tried if the previous one took, in proportion to the sizes, less than ``--longest`` processor seconds. Prints
+a Markdown table: processor seconds, largest memory, and the exponent with which time has grown since the previous size
+(1: in proportion).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""How well the Hangprinter's rows foretell each other by plain least squares, apart from the package's own models.
+"""How well the Hangprinter's rows predict each other by plain least squares, without the package's own models.
 
     python -m scripts.studies.lines_alone
 
-In every row the platform's place is where four lines disagree least. Anchors (the six coordinates that the robot file
-leaves open), then a lead of each line, then a build-up of each are fitted to some rows, and held against the others.
+In every row the platform's position is where four lines disagree least. Anchors (the six coordinates that the robot
+file leaves free), then a lead of each line, then a build-up of each are fitted to some rows, and tested on the others.
 Prints a Markdown table: root mean squares in mm of a row's disagreement (the root of the sum of squares over its four
 lines) and of a single line's, half of it.
 """

@@ -2,10 +2,10 @@
 
     python scripts/studies/missing_effect.py --robot examples/robots/arm/robot.yaml --campaigns 100
 
-An effect is put into the drives of a robot with errors drawn from its tolerances, and every campaign is fitted by
-geometry alone. Against the fit to very many rows that came about in the same way (no model without the effect holds
-the truth): how often do intervals hold where the target is, all over the workspace, those of a noise as large as what
-is left and those that are told.
+An effect is added to the drives of a robot with errors drawn from its tolerances, and every campaign is fitted with
+geometry alone. The reference is the fit to very many rows generated in the same way, as no model without the effect
+contains the truth. Reported is how often intervals for the target's position, all over the workspace, contain it: those
+from a noise as large as the residuals, and those that calibration states.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
     python -m scripts.studies.mutation --sample 60 --seed 1
 
-Needs cosmic-ray (``pip install cosmic-ray``), which makes the changes; they are drawn at random from all that it knows.
-Works on a copy of the checkout. Changes of annotations alone change nothing and do not count. Prints a Markdown table
-and the changes that no test noticed.
+Needs cosmic-ray (``pip install cosmic-ray``), which makes the changes; they are drawn at random from all its mutations.
+Works on a copy of the checkout. Changes of annotations have no effect and do not count. Prints a Markdown table and the
+changes that no test noticed.
 """
 
 from __future__ import annotations

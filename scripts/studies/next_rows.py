@@ -1,13 +1,13 @@
-"""What the suggested measurements are worth: groups that they resolve, and that as many at random do.
+"""The value of suggested measurements: groups that they resolve, compared with as many random ones.
 
     python -m scripts.studies.next_rows --seeds 8              # half an hour
     python -m scripts.studies.next_rows --seeds 1 --next 4     # two minutes
 
 Machines of the independent rig have one effect and are measured in a way that hides which one it is: from one side, at
 one temperature, at one tilt, from one end of the rails to the other. Where ``diagnose`` answers with a group, its next
-measurements are made on the same machine, and as many that are drawn from the same candidates; all rows together are
-diagnosed again. Prints a Markdown table: of how many groups the truth alone was left, and of how many something false
-was said.
+measurements are made on the same machine, and separately as many drawn at random from the same candidates; all rows
+together are diagnosed again. Prints a Markdown table: for how many groups only the truth remained, and for how many
+the answer was false.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Every kind of page in Chromium, at 1400 and 400 pixels, light and dark: what can be seen, and how fast.
+"""Every kind of page in Chromium, at 1400 and 400 pixels, light and dark: its appearance and its speed.
 
     .venv/bin/python -m scripts.studies.pages_in_browser --out shots [--poses 500]
 
-Speaks Chromium's own protocol, so no other package is needed. Checks that the console stays clean and nothing outside
-is asked for, that nothing reaches beyond the window, that no panel lies over the picture, that dark mode is honoured,
-that pages play and sliders move the robot; says how large a page is, how long it takes to open, how many pictures a
-second it plays, and what a picture costs the graphics process (without a graphics card that is software).
-Exit code 1: something does not hold. Screenshots of everything are left in the folder.
+Uses Chromium's own protocol, so no other package is needed. Checks that the console has no messages and nothing
+external is requested, that nothing extends beyond the window, that no panel covers the picture, that dark mode is
+respected, that pages play and sliders move the robot. Reports the size of a page, its time to open, the frames per
+second it plays, and the cost of a frame in the graphics process (without a graphics card that is software). Exit code
+1: a check failed. Screenshots of everything are saved in the folder.
 """
 
 from __future__ import annotations

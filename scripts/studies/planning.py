@@ -1,4 +1,4 @@
-"""How much a planned campaign is worth: the ladle's expected standard deviation by planned and by random poses.
+"""The value of a planned campaign: the ladle's expected standard deviation with planned and with random poses.
 
     python scripts/studies/planning.py                      # a few minutes
     python scripts/studies/planning.py --random 10 --quick  # half a minute

@@ -1,10 +1,10 @@
-"""Run the same commands under other BLAS kernels and thread counts, and say how far their answers differ.
+"""Run the same commands with other BLAS kernels and thread counts, and report how far their answers differ.
 
     python scripts/studies/same_everywhere.py
 
-NumPy and SciPy each carry an OpenBLAS, which takes the kernel that ``OPENBLAS_CORETYPE`` names, not the machine's.
-Each run is a process of its own: where the ladle is, a calibration, diagnoses of campaigns with something, and with
-nothing, missing. Prints a Markdown table of the largest differences to the first run; exit code 1 if a verdict differs.
+NumPy and SciPy each contain an OpenBLAS, which uses the kernel that ``OPENBLAS_CORETYPE`` names, not the machine's.
+Each run is a separate process: location of the ladle, a calibration, diagnoses of campaigns with and without a missing
+effect. Prints a Markdown table of the largest differences from the first run; exit code 1 if a verdict differs.
 """
 
 from __future__ import annotations

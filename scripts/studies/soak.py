@@ -1,11 +1,11 @@
-"""Run the commands in turn for an hour in one process, and see whether its memory, files and threads stay the same.
+"""Run the commands in turn for an hour in one process, and check whether its memory, files and threads grow.
 
     python scripts/studies/soak.py --minutes 60 --seed 1
 
 Every round draws other robots and another campaign: it sweeps, places, heats, compensates, simulates, checks,
 calibrates, diagnoses and exports. Prints a Markdown table, a line for every sixth of the time: medians over its
-rounds. Exit code 1 if the last sixth holds more memory than the second by over 5 %, or more files or threads: the first
-fills caches.
+rounds. Exit code 1 if the last sixth uses over 5 % more memory than the second, or more files or threads; the first
+sixth fills caches.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
-"""What a model that one campaign taught says of another campaign of the same robot: with all it holds, and with less.
+"""How well a model learned from one campaign predicts another campaign of the same robot: the whole model, and parts.
 
     U=examples/machines/ur10
     pouring-robot diagnose $U/series_c.csv --robot $U/robot.yaml --out taught_by_c
     pouring-robot diagnose $U/series_a.csv --robot $U/robot.yaml --out taught_by_a
     python -m scripts.studies.transfer taught_by_c/model.yaml $U/series_a.csv --own taught_by_a/model.yaml
 
-Only the two outer frames are fitted, to all rows but those of the block that ``diagnose`` holds out. Printed are the
-RMS of a coordinate in held-out and other rows: of the drawing, of the model, of the model without each of its effects
-that depend on conditions, of its places and axes alone, and of what the campaign itself taught; and which share each
-has of what the latter gains over the drawing.
+Only the two outer frames are fitted, to all rows except the block that ``diagnose`` holds out. Printed are the RMS of a
+coordinate in held-out and other rows: of the drawing, of the model, of the model without each of its effects that
+depend on conditions, of its joint positions and axes alone, and of the model learned from the campaign itself; and the
+share that each has of the latter's improvement over the drawing.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""How often the checks of a campaign accuse sound data, and how often they name a planted mistake.
+"""How often the checks of a campaign reject sound data, and how often they name a planted mistake.
 
     python scripts/studies/wrong_data.py --sound 500 --planted 20 --folder ../campaigns
 
-Campaigns are drawn from robots as built (the drawing, the example model, robots whose axes are off by 0.5 mrad), with
-and without rotations, of 40 to 160 rows; those of a folder, each with ``campaign.csv``, are taken for sound, too.
-Prints a Markdown table; exit code 1 if sound data are accused of more than a gross error.
+Campaigns are drawn from robots as built (the drawing, the example model, robots with axes off by 0.5 mrad), with and
+without rotations, of 40 to 160 rows; those in a folder, each with ``campaign.csv``, are assumed to be sound, too.
+Prints a Markdown table; exit code 1 if checks report more than a gross error in sound data.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the study asks of the closed mechanism: exact closures with one error each, first order, and ranks."""
+"""Figures of the closed mechanism for the study: exact closures with one error each, first-order effects, and ranks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far the paper's open branches understate what the same errors do to the closed robot."""
+"""How far the paper's open branches underestimate the effect of the same errors on the closed robot."""
 
 from __future__ import annotations
 

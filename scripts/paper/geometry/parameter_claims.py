@@ -1,7 +1,7 @@
 """What the paper's sections 4.1 and 4.2 say of the parameters, and whether our robot agrees.
 
-A claim is a function of a study. It computes its figures first, and its verdict from them by a rule that its text
-gives, so that another layout may get another verdict. Sizes of errors: :mod:`~scripts.paper.geometry.size_claims`;
+A claim is a function of a study. It computes its figures first, and from them its verdict by a rule that its text
+states, so that another layout may get another verdict. Sizes of errors: :mod:`~scripts.paper.geometry.size_claims`;
 directions and distributions: :mod:`~scripts.paper.geometry.shape_claims`.
 """
 

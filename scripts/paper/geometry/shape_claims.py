@@ -1,7 +1,7 @@
 """What the paper's section 4.4 says of directions and distributions (Fig. 4 and 5), and whether our robot agrees.
 
 Distributions are those of an error's largest component, over all poses. They count as uniform when the middle 90 % of
-the values keep within 0.1 of a uniform distribution function (0 is perfect; a single peak gives up to 1).
+the values are within 0.1 of a uniform distribution function (0 is perfect; a single peak gives up to 1).
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@
     study.closed_chain.of_chain(1).reaching(1e-3)      # and which do once all four chains hold the platform
 
 ``open branch`` is the paper's model: one chain, its joints held. ``closed chain`` is the robot. Both are exact, not
-first order. What the paper says of it is judged in the modules
-``parameter_claims``, ``size_claims`` and ``shape_claims``.
+first order. The paper's statements are judged in the modules ``parameter_claims``, ``size_claims`` and
+``shape_claims``.
 """
 
 from __future__ import annotations

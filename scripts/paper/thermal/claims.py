@@ -1,7 +1,7 @@
-"""What the paper's section 5 says, and whether our network agrees, with its properties untuned.
+"""What the paper's section 5 says, and whether our network, with its properties untuned, agrees.
 
-A claim is a function of a study, as in section 4: figures first, and the verdict from
-them by a rule that its text gives. Where the verdict is "differs", the text says what would be needed.
+A claim is a function of a study, as in section 4: it computes figures first, and from them the verdict by a rule that
+its text states. Where the verdict is "differs", the text says what would be needed.
 """
 
 from __future__ import annotations

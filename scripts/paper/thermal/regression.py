@@ -1,19 +1,19 @@
-"""Does the joint regression beat a single set on poses it has not seen? Synthetic tables, a count and its interval.
+"""Is the joint regression better than a single set on held-out poses? Synthetic tables, a count and its interval.
 
 **Tables.** True error of pose i at melt temperature T: ``d_i (T − 20 °C) / (1700 °C − 20 °C)``, linear, with its own
-deflection d_i at 1700 °C. Poses come in two groups that differ in how strongly they are heated. On top come a
-disturbance that all poses of a group share (it is what makes sets of a group collinear, and parts the groups), and
-noise of every number by itself. Both are as large for a flat set as for a steep one, as a measuring device's errors
-are. The sizes follow the paper, not the outcome: 12 temperatures, ten poses of which one to three are of the first
-group, 3 mm on the average at 1700 °C, and a first component of two sensitive sets near 97 %.
+deflection d_i at 1700 °C. Poses are in two groups that differ in how strongly they are heated. Added are a disturbance
+that all poses of a group share (it makes sets of a group collinear, and separates the groups), and independent noise of
+every number. Both are as large for a flat set as for a steep one, like a measuring device's errors. The sizes follow
+the paper, not the outcome: 12 temperatures, ten poses of which one to three are in the first group, 3 mm on average at
+1700 °C, and a first component of two sensitive sets near 97 %.
 
-**Contest.** The left-out poses are hidden from everything: clustering, grey relation, VIF, regression. They are drawn
-in the same mix of groups, four for each pose of the table, so that the contest does not hang on their luck alone.
-Spread is the standard deviation of all their residuals together. ``oracle`` is the line of the generator's own mean
-deflection: what a model could do that knew the distribution. It too loses a table now and then, when P8 happens to lie
-nearer to the left-out mean.
+**Contest.** The held-out poses are used in nothing: clustering, grey relation, VIF, regression. They are drawn in the
+same mix of groups, four for each pose of the table, so that the contest does not depend on their luck alone. Spread is
+the standard deviation of all their residuals together. ``oracle`` is the line of the generator's own mean deflection:
+the best that a model could do which knows the distribution. It, too, loses a table occasionally, when P8 happens to be
+nearer to the held-out mean.
 
-**What comes out** (1000 tables, share in which both P1 alone and P8 alone are beaten, 95 % interval ± 0.02 to 0.03):
+**Result** (1000 tables, share in which both P1 alone and P8 alone are beaten, 95 % interval ± 0.02 to 0.03):
 
 ======================================  =======  ==============  ==============  ========
 design                                  mean     paper           components      oracle
@@ -26,8 +26,8 @@ noise and disturbance doubled           0.94     0.70            0.83           
 both groups equally heated              0.80     0.49            0.52            0.90
 ======================================  =======  ==============  ==============  ========
 
-In the last row not even the oracle is safe above 0.9: where the sensitive sets are drawn like all others, one of two
-lies next to the mean often enough.
+In the last row not even the oracle is reliably above 0.9: where the sensitive sets are drawn like all others, one of
+two is often enough close to the mean.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What the paper's section 5.2.2 (1) to (4) and 7 say of the joint regression, judged by the paper's own method.
 
-Our own models (the mean line of all sets, the line that depends on the pose) stand beside these rows in a table of
-their own and have no part in any verdict.
+Our own models (the mean line of all sets, the line that depends on the pose) are in a separate table and do not affect
+any verdict.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The paper's section 5 computed: ten poses, twelve melt temperatures, and poses that no model has seen.
+"""The paper's section 5 computed: ten poses, twelve melt temperatures, and held-out poses.
 
 The paper's Tables 4 and 5, which list its ten poses, are lost: ours are drawn from the workspace at its tilt of 10°.
 Nothing else is chosen. Properties are those of ``thermal.yaml`` and sizes those of the layout.
