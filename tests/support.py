@@ -1,4 +1,4 @@
-"""What several tests measure with: random poses and models, central differences, small foreign mechanisms."""
+"""Shared tools of tests: random poses and models, central differences, small foreign mechanisms."""
 
 import json
 from pathlib import Path

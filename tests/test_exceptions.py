@@ -1,4 +1,4 @@
-"""Errors are one line, and come whole out of another process."""
+"""Errors are one line, and pass unchanged out of another process."""
 
 import copy
 import pickle

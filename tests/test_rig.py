@@ -1,4 +1,4 @@
-"""The independent machine: it is one, it is right, and its campaigns hold what their truth says."""
+"""The independent machine: it is independent and correct, and its campaigns agree with their stated truth."""
 
 import ast
 import csv

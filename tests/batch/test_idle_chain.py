@@ -1,4 +1,4 @@
-"""Chains that idle inside, in the star's engine: the pose is a triangle's, and G that of the general engine."""
+"""Chains with internal idle motions, in the engine for stars: pose as of a triangle, G as of the general engine."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Errors of ten times the paper's, where the mechanism has several assembly modes: both solvers find the drawing's."""
+"""Errors of ten times the paper's, at which several assembly modes exist: both solvers find the drawing's."""
 
 from __future__ import annotations
 

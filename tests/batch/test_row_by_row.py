@@ -1,4 +1,4 @@
-"""The general engine: the same as the star's where both fit, and mechanisms that only it takes."""
+"""The general engine: equal to the engine for stars where both apply, and mechanisms that only it can close."""
 
 import pickle
 import re

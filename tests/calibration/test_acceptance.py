@@ -1,4 +1,4 @@
-"""The last word of held-out rows: what they refuse, and what they let pass as chance."""
+"""Acceptance by held-out rows: what they reject, and what they accept as chance."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The study of coverage: its arrays, its seeds, and what it does with runs that fail."""
+"""The coverage study: its arrays, its seeds, and its treatment of failed runs."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What is written: whole, reloadable, and never silent about what it does not know."""
+"""Written files: complete, reloadable, and explicit about what is unknown."""
 
 import json
 import os

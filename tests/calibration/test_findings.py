@@ -1,4 +1,4 @@
-"""What moved: values, intervals and verdicts, and what a group does at the ladle."""
+"""Findings: values, intervals and verdicts of parameters, and the effect of a group at the ladle."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Damaged campaigns: ``calibrate`` never shows a traceback, says one line, and writes all or nothing."""
+"""Damaged campaigns: ``calibrate`` never shows a traceback, prints one line, and writes all or nothing."""
 
 import random
 import tempfile

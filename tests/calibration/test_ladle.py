@@ -1,4 +1,4 @@
-"""How well the ladle is known: carried covariance against many draws, and what no campaign shows does not count."""
+"""Uncertainty of the ladle: propagated covariance against many draws; what no campaign can identify does not count."""
 
 import numpy as np
 import pinocchio as pin

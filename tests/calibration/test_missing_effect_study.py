@@ -1,4 +1,4 @@
-"""The study of intervals under a missing effect: few campaigns of an arm, along a path, whose zeros wander."""
+"""The study of intervals under a missing effect: a few campaigns, along a path, of an arm whose zeros drift."""
 
 from scripts.studies import missing_effect
 from tests.support import ROOT

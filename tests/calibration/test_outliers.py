@@ -1,4 +1,4 @@
-"""Gross errors beside errors of the robot that are as large, so that no check before the fit tells them apart."""
+"""Gross errors along with errors of the robot of the same size, which no check before the fit can distinguish."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Pictures: they show something, for a changed robot and for one left alone."""
+"""Pictures: they show something, for a changed robot and for an unchanged one."""
 
 import dataclasses
 from xml.etree import ElementTree

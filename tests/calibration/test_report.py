@@ -1,4 +1,4 @@
-"""The exit report: every figure a shop-floor engineer asks for is there, once as text and once as a page."""
+"""The exit report: every figure that a shop-floor engineer needs is present, as text and as a page."""
 
 import dataclasses
 import re

@@ -1,4 +1,4 @@
-"""A calibration as a user holds it: verdict, one line at the prompt, its parameters as a table, its files."""
+"""A calibration as a result for the user: verdict, one line at the prompt, its parameters as a table, its files."""
 
 import pytest
 

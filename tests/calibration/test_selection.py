@@ -1,4 +1,4 @@
-"""Selection: what helps held-out rows is kept, what does not is not, and the test block is never looked at."""
+"""Selection: groups that reduce the held-out error are kept, others are not, and the test block is never used."""
 
 import dataclasses
 

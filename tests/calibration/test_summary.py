@@ -1,4 +1,4 @@
-"""The figures: complete, finite, in JSON; warnings when there is something to warn of."""
+"""The figures: complete, finite, in JSON; warnings where they are due."""
 
 import json
 import re

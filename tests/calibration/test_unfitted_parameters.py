@@ -1,4 +1,4 @@
-"""Parameters that move in the place of those that were dropped: an arm whose zeros are taken as exact."""
+"""Parameters that change in place of dropped ones: an arm whose zeros are assumed to be exact."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Plans and virtual campaigns of any robot: read back as planned, and without noise explained by two frames alone."""
+"""Plans and virtual campaigns of any robot: read back as planned; without noise, two frames alone explain them."""
 
 import numpy as np
 import pinocchio as pin

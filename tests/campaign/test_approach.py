@@ -1,4 +1,4 @@
-"""The side each drive came from, by the order of the rows: from the row before, where the table does not say it."""
+"""The side of approach of each drive, from the row before where the table does not state it."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""A campaign as a user holds it: one import, one line at the prompt, a small table in a notebook."""
+"""A campaign as a result for the user: one import, one line at the prompt, a small table in a notebook."""
 
 import copy
 import dataclasses

@@ -1,4 +1,4 @@
-"""Virtual measurement: seeded, whole or not at all, and read back as it was made."""
+"""Virtual measurement: seeded, written completely or not at all, and read back unchanged."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Checks of robots that nobody wrote them for: sound data pass, planted damage is named, real data stay unaccused."""
+"""Checks on robots for which they were not written: sound data pass, planted damage is named, real data pass."""
 
 import dataclasses
 import warnings

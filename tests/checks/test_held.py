@@ -1,4 +1,4 @@
-"""Rows whose target was put to a place, and arms that change their posture: neither is a fault of the tracker."""
+"""Rows whose target was held at a place, and arms that change their posture: neither is a fault of the tracker."""
 
 import dataclasses
 

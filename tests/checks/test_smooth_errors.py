@@ -1,4 +1,4 @@
-"""What drives do to a target on any robot, and back: held against differences of the drawing's poses."""
+"""Effect of drives on a target of any robot, and the inverse: against differences of the drawing's poses."""
 
 from pathlib import Path
 

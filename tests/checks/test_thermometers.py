@@ -1,4 +1,4 @@
-"""A thermometer that came off, hung or was hardly read is told, and a machine that cools or warms is not accused."""
+"""A thermometer that came off, hung or was hardly read is reported; a machine that cools or warms is not."""
 
 import dataclasses
 

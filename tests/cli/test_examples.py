@@ -1,4 +1,4 @@
-"""Examples from an installation, and what a plain installation lacks: said with the extra that brings it."""
+"""Examples from an installation, and modules that a plain installation lacks: the message names the extra."""
 
 import filecmp
 import re

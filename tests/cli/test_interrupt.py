@@ -1,4 +1,4 @@
-"""Ctrl-C ends with one line and 130, also where a library swallows it or makes another error of it."""
+"""Ctrl-C ends with one line and 130, also where a library catches it or converts it to another error."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""What nobody foresaw ends as one line, with the details in a file."""
+"""An unexpected error ends as one line, with the details in a file."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""What all subcommands have in common: help, overwriting, quiet, completion, the time left, a reader that goes."""
+"""Common behaviour of all subcommands: help, overwriting, quiet, completion, remaining time, a reader that goes."""
 
 import shutil
 import subprocess

@@ -1,4 +1,4 @@
-"""``pouring-robot robot init`` and ``robots --robot``: from somebody's URDF to a robot file that loads."""
+"""``pouring-robot robot init`` and ``robots --robot``: from a user's URDF to a robot file that loads."""
 
 import io
 import itertools

@@ -1,4 +1,4 @@
-"""What a command loads: nothing that it does not need, for half of its time is spent on that."""
+"""What a command imports: nothing that it does not need, because imports take half of its time."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Compensation: the actual ladle, warm and crooked, comes to the wanted pose in its four freedoms."""
+"""Compensation: the actual ladle, warm and with errors, reaches the wanted pose in its four degrees of freedom."""
 
 import csv
 import dataclasses

@@ -1,4 +1,4 @@
-"""The C function, compiled by gcc, against the package on a thousand poses that neither of them was made from."""
+"""The C function, compiled by gcc, against the package on a thousand poses that were not used to make it."""
 
 import shutil
 

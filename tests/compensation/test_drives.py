@@ -1,4 +1,4 @@
-"""Compensation of any robot: what its drives command is cancelled, what is left is stationary."""
+"""Compensation of any robot: errors within reach of its drives are cancelled, the remaining error is stationary."""
 
 import numpy as np
 import pinocchio as pin

@@ -1,4 +1,4 @@
-"""Whole paths at once: the same drives as pose by pose, cold to rounding, warm to what a leg's own length does."""
+"""Whole paths at once: the drive values of pose by pose, cold up to rounding, warm up to the effect of leg lengths."""
 
 import numpy as np
 import pytest

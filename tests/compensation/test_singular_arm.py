@@ -1,6 +1,6 @@
 """An arm of seven joints on a rail, all at zero: stretched out, all its axes in two directions. Its own kinematics.
 
-The drives command three freedoms there and six around it, so that what is missing is found from beside only.
+The drives command three freedoms there and six nearby, so the others are found only from nearby poses.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Blocks held out in turn, of a line through points: against fits by hand, and the standard error against scatter."""
+"""Blocks held out in turn for a line through points: against fits by hand; the standard error against the scatter."""
 
 from dataclasses import replace
 from types import SimpleNamespace

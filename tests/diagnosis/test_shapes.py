@@ -1,4 +1,4 @@
-"""The learned shape of an effect against what the independent machine did, which is not the textbook's."""
+"""The learned shape of an effect against that of the independent machine, which is not the textbook's."""
 
 from dataclasses import replace
 

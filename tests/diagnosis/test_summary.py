@@ -1,4 +1,4 @@
-"""What a diagnosis says, in figures and in words."""
+"""The results of a diagnosis, in figures and in words."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""What a page shows: its blocks, its commands with the output under them, and whether that is what they print."""
+"""Contents of a page: its blocks, its commands with their output, and whether that is what they print."""
 
 import re
 import runpy

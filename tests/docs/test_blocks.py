@@ -1,4 +1,4 @@
-"""What README and docs show is so: blocks run, output is as printed, links resolve, commands and paths exist."""
+"""README and docs are correct: blocks run, output is as printed, links resolve, commands and paths exist."""
 
 import ast
 import importlib

@@ -1,6 +1,6 @@
-"""A campaign of the independent machine of tests/rig, seen by the library: the same rows in two formulations.
+"""A campaign of the independent machine of tests/rig, read by the library: the same rows in two formulations.
 
-What is compared are whitened motions of the target, (m,), that the two free frames have been taken out of.
+Compared are whitened displacements of the target, (m,), after removal of the two free frames.
 """
 
 import dataclasses

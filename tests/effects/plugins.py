@@ -1,4 +1,4 @@
-"""Packages that offer effects, put where Python finds packages, without installing anything."""
+"""Packages with effects, placed where Python finds packages, without installing anything."""
 
 import tomllib
 

@@ -1,4 +1,4 @@
-"""The library of robots that declare no causes: what it holds, and columns that are derivatives of the closure."""
+"""The library of robots that declare no causes: its content, and columns that are derivatives of the closure."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""What every effect promises: names, units and bounds; and columns that are the derivatives of the exact closure."""
+"""Contract of every effect: names, units and bounds; and columns that are the derivatives of the exact closure."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""Joints that tilt under what they carry: a mast that is drawn out by a joint of a branch of its own."""
+"""Joints that tilt under load: a mast that is extended by a joint in a separate branch."""
 
 import json
 

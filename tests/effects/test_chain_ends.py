@@ -1,4 +1,4 @@
-"""A chain that ends in a fixed joint: its last link's growth is the seat moved back, against the URDF with it grown."""
+"""A chain that ends in a fixed joint: expansion of its last link moves the seat back, against the expanded URDF."""
 
 import dataclasses
 

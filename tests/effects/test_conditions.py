@@ -1,4 +1,4 @@
-"""Conditions: what a campaign lacks, what is filled in, what is assumed; and effects where hardly anything varies."""
+"""Conditions: missing, filled in and assumed values; and effects where conditions hardly vary."""
 
 import dataclasses
 

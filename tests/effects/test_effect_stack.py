@@ -1,4 +1,4 @@
-"""The effect stack of a model file: read, written, put into the robot row by row, and what is wrong with one."""
+"""The effect stack of a model file: read, written, applied to the robot row by row, and errors in it."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Missing cells: which rows other rows tell, and which are left out."""
+"""Missing cells: which rows are filled from other rows, and which are left out."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Waves of a joint's own angle that another campaign taught: applied at angles that it had, faded out beyond them."""
+"""Harmonics of a joint's angle learned from another campaign: applied at its angles, faded out beyond them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Effects that depend on conditions, put into the robot at any command: the same robot that a diagnosis closes."""
+"""Effects that depend on conditions, applied to the robot at any command: the same robot that a diagnosis closes."""
 
 import dataclasses
 import re

@@ -1,4 +1,4 @@
-"""The outer frames of any robot: from anywhere, few rows or many, gross errors or not, and what poses leave untold."""
+"""The outer frames of any robot: from any start, few rows or many, gross errors or not, undetermined directions."""
 
 import numpy as np
 import pinocchio as pin

@@ -1,4 +1,4 @@
-"""The two unknown frames come out to within noise, whatever their attitude and whatever single rows say."""
+"""The two unknown frames are found to within noise, whatever their attitude, and despite single bad rows."""
 
 import numpy as np
 import pinocchio as pin

@@ -1,4 +1,4 @@
-"""Base parameters: the groups are the true null space, seen by an independent regressor."""
+"""Base parameters: the groups are the true null space, as computed by an independent regressor."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Instruments: closed forms of what they read, central differences, frames from single coordinates and distances."""
+"""Instruments: closed forms of their readings, central differences, frames from single coordinates and distances."""
 
 import dataclasses
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The search: its Hessian with second derivatives is the true one, and it survives exact data."""
+"""The solver: its Hessian with second derivatives is the true one, and it handles exact data."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Identification: the truth comes back, gross errors do not matter, failures are said, and it is fast."""
+"""Identification: the truth is recovered, gross errors do not matter, failures are reported, and it is fast."""
 
 from dataclasses import replace
 

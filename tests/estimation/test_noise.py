@@ -1,4 +1,4 @@
-"""Noise: stated, from repeats, or from what a fit leaves."""
+"""Noise: stated, from repeats, or from the residuals of a fit."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Losses: convex where promised, their weights are their slopes, and blocks count as one."""
+"""Losses: convex where promised, their weights are their slopes, and a block counts as one."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Sessions with frames of their own: the Jacobian by differences, and calibrations as good as from one place."""
+"""Sessions with separate frames: the Jacobian by differences, and calibrations as good as from one place."""
 
 import dataclasses
 

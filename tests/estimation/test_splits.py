@@ -1,4 +1,4 @@
-"""Held-out blocks: whole ones that the others can foretell, the test block apart; what was measured plays no part."""
+"""Held-out blocks: whole ones that the others can predict, a separate test block; readings have no influence."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""A campaign's conditions: where the robot was sent, when, from which side, how hot, how heavy: histories."""
+"""Histories of a campaign's conditions: commands, times, sides of approach, temperatures, loads."""
 
 from dataclasses import dataclass
 

@@ -5,8 +5,8 @@ Precision Machine Design, 1992 (lead, backlash, heat); Altintas et al., CIRP Ann
 et al., CIRP Annals 61, 2012 (lags); Johnson, Contact Mechanics (F^2/3); Merlet, Parallel Robots (joints, legs);
 harmonic-drive catalogues (K1, K2); Roark (beams); Terzaghi (settling); Edlén 1966, Ciddor 1996 (refractive index).
 
-A form is a function (rng, scene) -> {field of Parts: law(scene, state)}; a law gives what size 1 adds. With it stands
-the size beyond which a machine shop would not believe it.
+A form is a function (rng, scene) -> {field of Parts: law(scene, state)}; a law gives what size 1 adds. Each form has
+the size beyond which a machine shop would not consider it plausible.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
-"""The judge: how large a fault is in units of noise, and which effects a campaign cannot tell apart.
+"""The judge: how large a fault is in units of noise, and which effects a campaign cannot distinguish.
 
-Both are linear tests of the examiner's own: two unknown frames of six parameters are fitted away; an effect explains a
-displacement if a plausible dose of its textbook columns leaves less than a detectable rest.
+Both are linear tests of the examiner's own: two unknown frames of six parameters are eliminated; an effect explains a
+displacement if a plausible amount of its textbook columns leaves no detectable residual.
 """
 
 import numpy as np

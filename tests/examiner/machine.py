@@ -1,10 +1,10 @@
 """The machine: a fixed platform, four legs and a moving platform as free bodies, held together by stiff springs.
 
-Every leg is a body of its own with seven freedoms (six of its housing, one of its spindle); the platform has six.
-What a Hooke's joint holds is its centre (three springs) and the right angle between its two axes (one torsion spring
-along the cross); a drive holds a spindle or the angle of cross 4. Nothing is cut open, no chain carries the platform:
-the over-constraint of four U-P-U chains is shared by the springs as in a real frame. The static pose is the stationary
-point of spring energy and loads, found by Gauss-Newton steps in which each leg is condensed onto the platform.
+Every leg is a separate body with seven degrees of freedom (six of its housing, one of its spindle); the platform has
+six. A Hooke's joint constrains its centre (three springs) and the right angle between its two axes (one torsion spring
+along the cross); a drive holds a spindle or the angle of cross 4. No loop is cut and no chain carries the platform: the
+springs share the over-constraint of four U-P-U chains, as in a real frame. The static pose is the stationary point of
+spring energy and loads, found by Gauss-Newton steps in which each leg is condensed onto the platform.
 """
 
 from dataclasses import dataclass, fields

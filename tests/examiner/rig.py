@@ -1,4 +1,4 @@
-"""The rig: a machine with its workmanship, its faults and the instrument that looks at it."""
+"""The rig: a machine with its manufacturing errors, its faults and the instrument that measures it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

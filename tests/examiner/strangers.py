@@ -1,9 +1,9 @@
-"""Effects that are in nobody's library: for them the right answer is "unknown".
+"""Effects that are in nobody's library: for them the correct answer is "unknown".
 
 From reports of the trade: cable-drag torque (Siciliano, Handbook of Robotics, ch. 6), bolted joints that slip once
 (Bickford), sloshing (Ibrahim), rail joints and local wear (ISO 230-1, annexes), sensors that miss the heat (Mayr et al.
 2012), trackers on warm tripods (ASME B89.4.19, annexes), beating pumps, homing that does not repeat.
-A tracker that only sinks with time is not among them: seen from the machine it is `base_drift`.
+A tracker that only sinks with time is not among them: relative to the machine it is `base_drift`.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Faults act the right way, and are sized and told apart by rules that hold for known displacements."""
+"""Faults act correctly, and are sized and distinguished by rules that hold for known displacements."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The six-axis arm: a chain of rotations one way, its spherical wrist in closed form the other. Units: m, rad."""
+"""The six-axis arm: forward a chain of rotations, inverse in closed form by its spherical wrist. Units: m, rad."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Write virtual campaigns: ``python -m tests.examples.campaigns ROBOT --seed S --effect E OUT``.
 
-Of all robots or effects, or several of each, every one has a folder of its own in OUT.
+For all robots or effects, or several of each, every one has a separate folder in OUT.
 """
 
 from __future__ import annotations

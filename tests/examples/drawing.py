@@ -1,4 +1,4 @@
-"""What the bodies of the example robots weigh, from their radii and lengths. Units: m, kg, N."""
+"""Masses of the bodies of the example robots, from their radii and lengths. Units: m, kg, N."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What may be hidden in a campaign: each effect for a size of one, in SI units, linear in its size."""
+"""Effects that may be hidden in a campaign: each for a size of one, in SI units, linear in its size."""
 
 from __future__ import annotations
 

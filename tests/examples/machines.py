@@ -1,4 +1,4 @@
-"""The four machines behind one interface: what they command, how they move, which of their parts can be off or warm."""
+"""The four machines behind one interface: their commands, their motion, and which parts can have errors or be warm."""
 
 from __future__ import annotations
 

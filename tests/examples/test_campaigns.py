@@ -1,4 +1,4 @@
-"""The virtual campaigns: independent, reproducible, and they hold what their truth says."""
+"""The virtual campaigns: independent, reproducible, and consistent with their stated truth."""
 
 import ast
 import csv

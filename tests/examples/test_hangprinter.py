@@ -1,4 +1,4 @@
-"""The Hangprinter: no tracker, only lines that must agree. One command names anchors and build-up, and no stretch."""
+"""The Hangprinter: no tracker, only lines that must agree. One command names anchors and build-up, but no stretch."""
 
 import contextlib
 import importlib

@@ -1,4 +1,4 @@
-"""The example robots: they load anywhere, close at home, and reach what their closed forms say."""
+"""The example robots: they load anywhere, close at home, and reach the poses of their closed forms."""
 
 import functools
 

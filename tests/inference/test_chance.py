@@ -1,4 +1,4 @@
-"""Evidence by chance alone: against residuals drawn one by one from the null's covariance."""
+"""Evidence by chance alone: against residuals drawn one by one from the null hypothesis's covariance."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a diagnosis names: each rule from both sides, on problems whose answer has a closed form or is obvious.
+"""What a diagnosis names: both sides of each rule, on problems whose answer has a closed form or is obvious.
 
 In most problems the effects are orthogonal: an effect that moves one row alone changes a standard normal variable there
 into a normal one of variance 1 + s², whatever happens in the other rows.

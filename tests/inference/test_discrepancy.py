@@ -1,4 +1,4 @@
-"""Structure in the residual: found where it was planted, not in noise; sums of processes against dense algebra."""
+"""Structure in residuals: found where it was planted, not in noise; sums of processes against dense algebra."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The search finds what was planted, and nothing in noise: seeded ensembles, rates with an allowance for chance."""
+"""The search finds planted effects, and nothing in noise: seeded ensembles, rates with an allowance for chance."""
 
 from dataclasses import replace
 

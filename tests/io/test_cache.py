@@ -1,4 +1,4 @@
-"""What is kept between runs: made once, and never in anybody's way."""
+"""The cache between runs: made once, and never an obstacle."""
 
 from concurrent.futures import ThreadPoolExecutor
 

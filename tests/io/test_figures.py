@@ -1,4 +1,4 @@
-"""What printed figures may look like."""
+"""The format of printed figures."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Work beside this process: its result, its errors, and no copy that outlives the process it is of."""
+"""Work in forked processes: its result, its errors, and no fork that outlives its parent process."""
 
 import signal
 import subprocess

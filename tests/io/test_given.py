@@ -1,4 +1,4 @@
-"""What a user gives from Python."""
+"""Arguments that a user passes from Python."""
 
 import numpy as np
 import pytest

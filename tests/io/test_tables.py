@@ -1,4 +1,4 @@
-"""One reader for all tables: the same cells from CSV and Parquet, and one line for what is wrong."""
+"""One reader for all tables: the same cells from CSV and Parquet, and errors of one line."""
 
 import math
 from decimal import Decimal

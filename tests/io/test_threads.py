@@ -1,4 +1,4 @@
-"""Threads of the linear algebra: one inside, as many as before outside, whatever is nested."""
+"""Threads of the linear algebra: one inside, as many as before outside, however calls are nested."""
 
 import os
 import subprocess

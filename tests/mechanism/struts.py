@@ -1,4 +1,4 @@
-"""A crank held by a rod between two ball joints, S-P-S: its angle is a triangle's, and the rod spins as it likes."""
+"""A crank held by a rod between two ball joints, S-P-S: its angle is that of a triangle, and the rod spins freely."""
 
 import numpy as np
 import pinocchio as pin

@@ -1,4 +1,4 @@
-"""Even choices of many rows, and numbers that a user gives."""
+"""Evenly spaced choices from many rows, and numbers that a user gives."""
 
 import numpy as np
 import pandas as pd

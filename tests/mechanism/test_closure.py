@@ -1,4 +1,4 @@
-"""Closing the loops: against an independent formulation, against itself from other sides, and its failures."""
+"""Closing the loops: against an independent formulation, against itself from other starts, and its failures."""
 
 import itertools
 

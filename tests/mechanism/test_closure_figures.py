@@ -1,4 +1,4 @@
-"""What a closure says of itself, on a body that is pulled several ways: its rest and every figure in closed form."""
+"""Figures of a closure for a body that is pulled in several directions: equilibrium and all figures in closed form."""
 
 import dataclasses
 

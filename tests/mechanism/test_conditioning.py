@@ -1,4 +1,4 @@
-"""Drive Jacobians of the closed mechanism: against closed forms and against closing it again and again."""
+"""Drive Jacobians of the closed mechanism: against closed forms and against repeated closures."""
 
 import numpy as np
 import pinocchio as pin

@@ -1,4 +1,4 @@
-"""Mechanisms that idle inside, and joints of other kinds: mimic, universal, spherical."""
+"""Mechanisms with internal idle motions, and other joint types: mimic, universal, spherical."""
 
 from pathlib import Path
 

@@ -1,7 +1,7 @@
 """MuJoCo, given our own URDF and equality constraints, comes to rest where the closed forms say.
 
 Another engine with another principle: MuJoCo closes the loops by forces of soft constraints that pull the bodies
-through a damped motion; it knows nothing of our solver. Nominally everything fits, so at rest nothing is soft.
+through a damped motion, independently of our solver. Nominally everything fits, so at rest the softness has no effect.
 """
 
 import mujoco

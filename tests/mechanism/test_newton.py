@@ -1,4 +1,4 @@
-"""How the search goes: as many steps as the theory of Newton's method says, to the minimum and not only near it."""
+"""Convergence of the solver: as many steps as the theory of Newton's method says, to the minimum, not only near it."""
 
 import numpy as np
 import pytest

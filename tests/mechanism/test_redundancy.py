@@ -1,4 +1,4 @@
-"""What redundant drives disagree by, against least squares of line lengths written down here again."""
+"""Disagreement of redundant drives, against least squares of line lengths that are repeated here."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Rotations against Pinocchio, against differences and against others nearby."""
+"""Rotations against Pinocchio, against differences and against nearby rotations."""
 
 import numpy as np
 import pinocchio as pin

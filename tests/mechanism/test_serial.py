@@ -1,4 +1,4 @@
-"""A mechanism without loops: forward kinematics, and G against central differences, with weight and soft drives too."""
+"""A mechanism without loops: forward kinematics; G against central differences, also with weight and soft drives."""
 
 import dataclasses
 import pickle

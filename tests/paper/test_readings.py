@@ -1,4 +1,4 @@
-"""Readings of what the paper leaves open: their sizes, their robots, and scores that follow from verdicts."""
+"""Interpretations of what the paper leaves open: their sizes, their robots, and scores that follow from verdicts."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The slot for the paper's tables: what a reader fills in is compared, what is wrong is refused."""
+"""The slot for the paper's tables: values that a reader enters are compared, wrong ones are refused."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""One page for every report: whole, without outside files, and safe whatever its texts hold."""
+"""One page for every report: complete, without external files, and safe whatever its texts contain."""
 
 import hashlib
 import re

@@ -1,4 +1,4 @@
-"""An independent machine for blind tests: it imports nothing of the package and formulates the mechanism anew.
+"""An independent machine for blind tests: it imports nothing from the package and formulates the mechanism separately.
 
 ``python -m tests.rig --out DIR --cases N --seed S`` writes campaigns with something hidden in each.
 """

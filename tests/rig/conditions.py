@@ -1,4 +1,4 @@
-"""What a campaign goes through: poses, times, sides, loads and temperatures, and what the thermometers make of them."""
+"""Conditions of a campaign: poses, times, sides, loads and temperatures, and the readings of the thermometers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which effects there are, in which forms, and the textbook's signature of each."""
+"""The effects, their forms, and the textbook signature of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What drives and joints do wrong. Form ``a`` is the textbook's; the others are as plausible but shaped otherwise.
+"""Errors of drives and joints. Form ``a`` is the textbook's; the others are as plausible but of another shape.
 
 A form returns the errors at size one; sizes are in the units of :data:`tests.rig.effects.UNITS`.
 """

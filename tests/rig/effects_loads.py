@@ -1,4 +1,4 @@
-"""What heat, weight, time and the metrology do. Form ``a`` is the textbook's; the others are as plausible."""
+"""Errors by heat, weight, time and the metrology. Form ``a`` is the textbook's; the others are as plausible."""
 
 from __future__ import annotations
 

@@ -1,14 +1,14 @@
-"""The mechanism, written apart from the package: point joints and axis vectors, quaternions, an energy minimum.
+"""The mechanism, written independently of the package: point joints and axis vectors, quaternions, an energy minimum.
 
 In the reference posture every body is upright: the legs hang straight down and the platform is level. There an axis is
-a direction and a joint is a point; a pose is reached by turning each joint about its axis. A chain is
-four turns and one slide,
+a direction and a joint is a point; a pose is reached by rotating each joint about its axis. A chain has four rotations
+and one slide,
 
     q_end = q(u1, θ1) q(u2, θ2) q(u4, θ3) q(u5, θ4),      b = A + q(u1, θ1) q(u2, θ2) (l n),
 
-with u1 ∥ y, u2 ∥ x, n = −z, u4 ∥ x, u5 ∥ y in a faultless machine. What stays open between the chain's end and the
-platform is a gap and a twist; all four chains' gaps and twists, the twist weighed by a length of 32 mm, are
-minimised over the platform pose and the passive joints. Units: metres and radians.
+with u1 ∥ y, u2 ∥ x, n = −z, u4 ∥ x, u5 ∥ y in a faultless machine. The closure residual between the chain's end and the
+platform is a gap and a twist; all four chains' gaps and twists, the twist weighted by a length of 32 mm, are minimised
+over the platform pose and the passive joints. Units: metres and radians.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the tracker sees: two unknown frames, noise, and how large an effect is beside the noise."""
+"""Readings of the tracker: two unknown frames, noise, and the size of an effect relative to the noise."""
 
 from __future__ import annotations
 

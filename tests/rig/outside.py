@@ -1,4 +1,4 @@
-"""Effects that are in nobody's library: the right answer is that the cause is unknown."""
+"""Effects that are in nobody's library: the correct answer is that the cause is unknown."""
 
 from __future__ import annotations
 

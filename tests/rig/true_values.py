@@ -1,7 +1,7 @@
 """True values of an effect's constants, where its form is the textbook's: for checking intervals of estimates.
 
-Only form ``a`` has constants that anybody may compare with: drives, expansion, springs, the truss, creep, the scale.
-Joint centres and axes are left out: only combinations of them show.
+Only form ``a`` has comparable constants: drives, expansion, springs, the truss, creep, the scale. Joint centres and
+axes are left out: only combinations of them are identifiable.
 """
 
 from __future__ import annotations

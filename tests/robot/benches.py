@@ -1,4 +1,4 @@
-"""How tests ask a bench, and compare its answer with a location."""
+"""Requests of tests to a bench, and comparison of its answer with a location."""
 
 import base64
 

@@ -1,4 +1,4 @@
-"""What sliders move: against the robot asked directly."""
+"""The bench behind the sliders: against direct calls of the robot."""
 
 import numpy as np
 import pytest

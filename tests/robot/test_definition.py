@@ -1,4 +1,4 @@
-"""Robot files: what they say, what is refused, and that the pouring robot is one of them."""
+"""Robot files: their content, what is refused, and that the pouring robot has one."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""The rendered URDF: names, geometry, physics, limits, who can load it, and what is refused."""
+"""The rendered URDF: names, geometry, physics, limits, programs that load it, and what is refused."""
 
 from __future__ import annotations
 

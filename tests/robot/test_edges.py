@@ -1,4 +1,4 @@
-"""Where numbers get extreme an answer is right, or it is a typed error; never a NaN and never a traceback."""
+"""For extreme numbers the answer is correct, or a typed error; never a NaN and never a traceback."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What other programs get is the closed robot: read back by Pinocchio, MuJoCo and trimesh, and let go in MuJoCo."""
+"""Other programs get the closed robot: read back by Pinocchio, MuJoCo and trimesh, and simulated in MuJoCo."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""The section `heat` of a model file: it round-trips, and what is impossible is said in one line."""
+"""The section `heat` of a model file: it round-trips, and impossible values are reported in one line."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Drive values for a target: drawn from drives of their own, met to 1e-9; what a target leaves open is refused."""
+"""Drive values for targets generated from random drive values, met to 1e-9; undetermined targets are refused."""
 
 import numpy as np
 import pinocchio as pin

@@ -1,4 +1,4 @@
-"""Many poses at once are the same as one after the other; results show themselves in one line."""
+"""Many poses at once give the same as one after the other; results print as one line."""
 
 import dataclasses
 

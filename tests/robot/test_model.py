@@ -1,4 +1,4 @@
-"""The model file: it round-trips, and says what is wrong with it."""
+"""The model file: it round-trips, and errors in it are reported."""
 
 import json
 import shutil

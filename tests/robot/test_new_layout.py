@@ -1,4 +1,4 @@
-"""A machine of one's own: what is asked makes the paper's robot again, and checks find what is known by hand."""
+"""A user's own machine: default answers reproduce the paper's robot, and checks agree with results by hand."""
 
 import dataclasses
 import math

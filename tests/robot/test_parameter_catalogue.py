@@ -1,4 +1,4 @@
-"""The catalogue: every name is found, none stands twice, and misspelt ones are met with the nearest."""
+"""The catalogue: every name is found, none occurs twice, and for misspelt ones the nearest is suggested."""
 
 import pytest
 

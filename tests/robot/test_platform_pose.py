@@ -1,4 +1,4 @@
-"""Poses and their differences at the user's edge."""
+"""Poses and their differences in the user's units."""
 
 import math
 

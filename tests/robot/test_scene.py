@@ -1,4 +1,4 @@
-"""What is drawn of locations: robots enlarged, a step for each, and the arrows."""
+"""Scenes of locations: enlarged errors, a step for each location, and the arrows."""
 
 import numpy as np
 import pinocchio as pin

@@ -1,4 +1,4 @@
-"""A description from somebody else runs no code and reads nothing far from it."""
+"""An untrusted description runs no code and reads no files outside its surroundings."""
 
 import re
 

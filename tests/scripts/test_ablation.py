@@ -1,4 +1,4 @@
-"""The ablation switches off what is there: a choice that was renamed would cost nothing, and look superfluous."""
+"""The ablation switches off choices that exist: a renamed one would have no effect, and look superfluous."""
 
 from unittest.mock import patch
 

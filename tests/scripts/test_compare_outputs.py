@@ -1,4 +1,4 @@
-"""What two checkouts print: when it counts as the same."""
+"""When the outputs of two checkouts count as the same."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The table of other programs, for those that this environment has; the whole table stands in docs/export.md."""
+"""The table of other programs, for those in this environment; the whole table is in docs/export.md."""
 
 import pytest
 

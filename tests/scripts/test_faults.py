@@ -1,4 +1,4 @@
-"""A command that is stopped, or has no place to write to, leaves whole files or none; the study tries many more."""
+"""A command that is stopped, or cannot write, leaves complete files or none; the study tries many more cases."""
 
 import random
 import signal

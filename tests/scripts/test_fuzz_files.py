@@ -1,4 +1,4 @@
-"""Every file a user hands in, damaged at random, is read or refused in one line; the study reads many more."""
+"""Every kind of input file, damaged at random, is read or refused in one line; the study reads many more."""
 
 import pytest
 

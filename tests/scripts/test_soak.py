@@ -1,4 +1,4 @@
-"""The hour's soak, in a few seconds: it sees what grows, and its commands run."""
+"""The one-hour soak study, in a few seconds: it detects growth, and its commands run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The slow way: every robot built as URDF, every pose closed by the one-at-a-time solver."""
+"""The slow reference: every robot built as URDF, every pose closed by the one-at-a-time solver."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Distributions, correlation within a part, Saltelli's scheme: the draws are what the file says."""
+"""Distributions, correlation within a part, Saltelli's scheme: the draws are as specified in the file."""
 
 import itertools
 

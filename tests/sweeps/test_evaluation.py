@@ -1,4 +1,4 @@
-"""Where robots with errors stand: closed chains against the slow solver, open branches against the DH table."""
+"""Poses of robots with errors: closed chains against the slow solver, open branches against the DH table."""
 
 import numpy as np
 import pinocchio as pin

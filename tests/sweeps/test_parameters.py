@@ -1,4 +1,4 @@
-"""Names and patterns, and what parameter values do to the joints."""
+"""Names and patterns, and the effect of parameter values on the joints."""
 
 import numpy as np
 import pinocchio as pin

@@ -1,4 +1,4 @@
-"""The same numbers whatever happens on the way: kills, workers, lost workers, Ctrl-C."""
+"""The same results whatever happens in between: kills, workers, lost workers, Ctrl-C."""
 
 import functools
 import os

@@ -1,4 +1,4 @@
-"""The store on disk: what it holds, who may go on with it, and what happens when the disk does not play along."""
+"""The store on disk: its content, which sweep may continue it, and failures of the disk."""
 
 import errno
 import json

@@ -1,4 +1,4 @@
-"""What tests of heat share."""
+"""Shared by the tests of heat."""
 
 import pytest
 

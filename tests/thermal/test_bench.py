@@ -1,4 +1,4 @@
-"""The melt's sliders: against the warm robot asked directly."""
+"""The melt's sliders: against direct calls of the warm robot."""
 
 import numpy as np
 import pytest

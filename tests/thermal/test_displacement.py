@@ -1,4 +1,4 @@
-"""How far every part moves: rigid motion, growth and weight against closed forms."""
+"""Displacements of every part: rigid motion, expansion and weight against closed forms."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Expansion as local parameters, the pose that follows, and the bending of legs."""
+"""Expansion as local parameters, the resulting pose, and the bending of legs."""
 
 from dataclasses import replace
 from types import SimpleNamespace

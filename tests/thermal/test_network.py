@@ -1,4 +1,4 @@
-"""The thermal network against closed forms, its energy balance, its refinement, and what the paper found."""
+"""The thermal network against closed forms, its energy balance, its refinement, and the paper's results."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What a table says, axis by axis; the thermal-model file; the same for the drives of another robot."""
+"""Results of a table, axis by axis; the thermal-model file; the same for the drives of another robot."""
 
 from dataclasses import replace
 

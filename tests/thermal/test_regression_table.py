@@ -1,4 +1,4 @@
-"""Tables of error sets: units, and one line for everything that can be wrong with one."""
+"""Tables of error sets: units, and one line for every possible error in one."""
 
 import numpy as np
 import pytest

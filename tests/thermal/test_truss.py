@@ -1,4 +1,4 @@
-"""The truss under heat: its network against closed forms, and where it goes against those of beams."""
+"""The truss under heat: its network against closed forms, and its displacement against those of beams."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Temperatures and pose that belong together: turns end, shares, what comes from the model."""
+"""Consistent temperatures and pose: convergence of the iteration, shares, and what comes from the model."""
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor

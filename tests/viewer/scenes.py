@@ -1,4 +1,4 @@
-"""A small robot with every kind of visual, and a scene with it; used by the tests of the drawing part."""
+"""A small robot with every kind of visual, and a scene with it; used by the tests of drawing."""
 
 from dataclasses import replace
 

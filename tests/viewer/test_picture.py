@@ -1,4 +1,4 @@
-"""The picture that needs no screen."""
+"""The picture that is made without a screen."""
 
 from dataclasses import replace
 
