@@ -45,9 +45,8 @@ def diagnose(
     from pouring_robot.campaign.data import Campaign
     from pouring_robot.diagnosis.diagnose import DiagnosisOptions
     from pouring_robot.diagnosis.diagnose import diagnose as run
-    from pouring_robot.diagnosis.report.export import METRICS, MODEL, NEXT, diagnosis_metrics
+    from pouring_robot.diagnosis.report.export import METRICS, MODEL, diagnosis_metrics
 
-    options.refuse_inputs([out / NEXT])
     present = bundles.RobotOptions(model, robot).read()
     chosen = DiagnosisOptions(
         exclude=tuple(dict.fromkeys(exclude or ())),

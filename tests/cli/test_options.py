@@ -96,12 +96,16 @@ def test_a_file_that_is_read_is_not_replaced_by_one_that_goes_with_another(run, 
     shutil.copytree(ROOT / "examples" / "machines" / "ur10", tmp_path / "arm")
     robot, campaign = tmp_path / "arm" / "robot.yaml", tmp_path / "arm" / "series_a.csv"
     for suffix in (".csv", ".yaml"):
-        campaign.with_suffix(suffix).with_stem("next").write_bytes(campaign.with_suffix(suffix).read_bytes())
+        for other in ("arm/next", "calibrated", "model"):
+            (tmp_path / other).with_suffix(suffix).write_bytes(campaign.with_suffix(suffix).read_bytes())
     for command in (
         f"campaign simulate --random 2 --model {model} --out m.csv --overwrite",
         f"export --robot {robot} --out arm --overwrite",
         f"calibrate {campaign} --robot {robot} --out arm --overwrite",
         f"diagnose arm/next.csv --robot {robot} --out arm --overwrite",
+        f"calibrate calibrated.csv --robot {robot} --out . --overwrite",
+        f"calibrate {campaign} --model calibrated.yaml --out . --overwrite",
+        f"diagnose model.csv --robot {robot} --out . --overwrite",
     ):
         before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
         code, _, err = run(*command.split())

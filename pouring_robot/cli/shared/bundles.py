@@ -361,7 +361,8 @@ def _spread(command: Callable[..., None]) -> Callable[..., None]:
         own, annotations = inspect.signature(hints[name]).parameters, get_type_hints(hints[name], include_extras=True)
         flat |= {n: p.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=annotations[n]) for n, p in own.items()}
         bundles[name] = (hints[name], list(own))
-    outputs = {name for name, parameter in flat.items() if options.is_output(parameter.annotation)}
+    written = {name: options.written_by(parameter.annotation) for name, parameter in flat.items()}
+    outputs = {name: files for name, files in written.items() if files}
     added = {"quiet": options.Quiet} | ({"overwrite": options.Overwrite} if outputs else {})
     for name, annotation in added.items():
         flat[name] = inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=annotation)
@@ -372,8 +373,10 @@ def _spread(command: Callable[..., None]) -> Callable[..., None]:
         if outputs:
             del given["overwrite"]
         paths = {name: value for name, value in given.items() if isinstance(value, Path)}
-        options.INPUTS.set(frozenset(path.resolve() for name, path in paths.items() if name not in outputs))
-        options.refuse_inputs(path for name, path in paths.items() if name in outputs)
+        read = [path for name, path in paths.items() if name not in outputs]
+        read += [path.with_suffix(".yaml") for name, path in paths.items() if name == "campaign"]  # it lies beside
+        options.INPUTS.set(frozenset(path.resolve() for path in read))
+        options.refuse_inputs(path / file for name, path in paths.items() for file in outputs.get(name, ()))
         whole = {name: kind(**{field: given.pop(field) for field in own}) for name, (kind, own) in bundles.items()}
         command(**given, **whole)
 

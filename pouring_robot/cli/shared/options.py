@@ -78,7 +78,7 @@ def check_joints(path: Path) -> None:
     check_ending(path, (".csv", ".json"))
 
 
-_WRITES: set[Callable[..., Path | None]] = set()
+_WRITES: dict[Callable[..., Path | None], tuple[str, ...]] = {}  # the options that write, and what: see written_by
 
 
 def opt(help: str, *name: str, **more: Any) -> Any:
@@ -105,7 +105,7 @@ def writes(help: str, metavar: str = "FILE", check: Callable[[Path], None] = lam
             refuse_targets(files)
         return path
 
-    _WRITES.add(new)
+    _WRITES[new] = ("",)
     return opt(help, metavar=metavar, callback=new)
 
 
@@ -131,14 +131,15 @@ def results_folder(*files: str, what: str = "") -> Any:
             refuse_targets([folder / name for name in files] if folder.exists() else [])
         return folder
 
-    _WRITES.add(fresh)
+    _WRITES[fresh] = ("", *files)
     named = ", ".join([*([what] if what else []), *files])
     return opt(f"Folder, created if needed, for {named}.", "--out", metavar="DIR", callback=fresh)
 
 
-def is_output(annotation: Any) -> bool:
-    """Return whether an option's annotation is that of an output file or folder."""
-    return any(getattr(info, "callback", None) in _WRITES for info in getattr(annotation, "__metadata__", ()))
+def written_by(annotation: Any) -> tuple[str, ...]:
+    """Return what an option with this annotation writes, as names beside its path ("": that itself); (): it reads."""
+    callbacks = (getattr(info, "callback", None) for info in getattr(annotation, "__metadata__", ()))
+    return next((_WRITES[callback] for callback in callbacks if callback in _WRITES), ())
 
 
 def _of_size(parameter: typer.CallbackParam, value: Any) -> Any:
