@@ -1,4 +1,4 @@
-"""Small problems with a known truth for the tests of the core; they are independent of any machine."""
+"""Small problems with a known truth for the tests of the inference core; they are independent of any machine."""
 
 import numpy as np
 from scipy.stats import multivariate_normal

@@ -1,4 +1,4 @@
-"""Evidence by chance alone: against residuals drawn one by one from the null hypothesis's covariance."""
+"""Evidence by chance alone: against residuals drawn one by one from the covariance of the null hypothesis."""
 
 import numpy as np
 import pytest
@@ -14,13 +14,13 @@ from tests.inference.problems import ROWS, explanation, library, problem
 
 @pytest.fixture
 def null(rng):
-    """Return a null with workmanship at work, beside a free constant."""
+    """Return a null hypothesis with workmanship at work and a free constant."""
     usual = Workmanship("usual", 40.0 * rng.normal(size=(ROWS, 3)))
     built = problem(rng.normal(size=ROWS), library(rng, count=4), [usual], np.ones((ROWS, 1)))
     return Hypothesis(built, (), (), (3,))
 
 
-def test_many_residuals_at_once_are_worth_what_each_is(rng):
+def test_evidences_of_many_residuals_at_once_equal_those_of_each(rng):
     columns = explanation("a", rng.normal(size=(ROWS, 4))).columns
     main = np.array([True, True, False, False])
     inner, projected = columns.T @ columns, columns.T @ rng.normal(size=(ROWS, 5))
@@ -30,7 +30,7 @@ def test_many_residuals_at_once_are_worth_what_each_is(rng):
 
 
 def test_the_rate_is_that_of_residuals_drawn_from_the_null(null, rng):
-    """Dense covariance, one search of the best cause a residual: the share beyond must be the rate, within chance."""
+    """Dense covariance, best single cause of each residual: the share above the threshold is the rate within chance."""
     rate, draws = 0.1, 400
     threshold = chance_level(null, rate, 4000)
     background = WORKMANSHIP_LEVELS[3] * null.problem.workmanship[0].columns
@@ -48,8 +48,8 @@ def test_the_rate_is_that_of_residuals_drawn_from_the_null(null, rng):
     assert low <= beyond <= high
 
 
-def test_a_rate_that_few_draws_tell_is_kept_all_the_same(null):
-    """Of 200,000 draws no more are beyond than that rate of them, where one of a thousand stood for it."""
+def test_a_rate_too_small_for_few_draws_is_kept_all_the_same(null):
+    """Of 200,000 draws no more than that rate exceed the level, although it was found from a thousand draws."""
     often, seldom = chance_level(null, 0.01, 1000), chance_level(null, 1e-4, 1000)
     assert seldom == pytest.approx(often + np.log(100.0), rel=1e-12)
     many = [chance_level(null, rate, 200_000) for rate in (0.01, 1e-4)]
@@ -57,21 +57,21 @@ def test_a_rate_that_few_draws_tell_is_kept_all_the_same(null):
     assert seldom - often < many[1] - many[0] + 2.0
 
 
-def test_columns_that_are_far_longer_than_others_make_no_chance(rng):
-    """Heavy arms yield a billion times what their noise is: rounding of the one is not what the other sees."""
+def test_columns_far_longer_than_others_do_not_change_the_chance_level(rng):
+    """Heavy arms yield a billion times their noise: the rounding of such columns must not affect the other effects."""
     effects, longest = library(rng, count=4), 1e9 * rng.normal(size=(ROWS, 3))
-    long = explanation("long", longest @ rng.normal(size=(3, 8)))  # and of eight columns five are sums
+    long = explanation("long", longest @ rng.normal(size=(3, 8)))  # of these eight columns five are linear combinations
     without, beside = (
         chance_level(Hypothesis.nothing(problem(rng.normal(size=ROWS), items)), 0.01)
         for items in (effects, [*effects, long])
     )
-    # One effect more, with less room for chance than any: its scales end far above what such columns would need.
+    # One effect more, with less room for chance than any other: its scales end far above what such columns need.
     assert abs(beside - without) < 1.0
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_columns_that_workmanship_takes_up_whole_make_no_chance(seed):
-    """Of what is left of them, which is rounding, neither a negative square nor its sign is anything."""
+def test_columns_that_workmanship_absorbs_whole_do_not_change_the_chance_level(seed):
+    """What remains of them is rounding: neither a negative square nor its sign means anything."""
     rng = np.random.default_rng(seed)
     usual = Workmanship("usual", 1e9 * rng.normal(size=(ROWS, 3)))
     same = explanation("same", usual.columns @ rng.normal(size=(3, 4)))

@@ -1,6 +1,6 @@
 """What a diagnosis names: both sides of each rule, on problems whose answer has a closed form or is obvious.
 
-In most problems the effects are orthogonal: an effect that moves one row alone changes a standard normal variable there
+In most problems the effects are orthogonal: an effect that moves one row only changes a standard normal variable there
 into a normal one of variance 1 + s², whatever happens in the other rows.
 """
 
@@ -40,8 +40,8 @@ AXES = np.eye(ROWS)
 SCALES = np.exp(LOG_SCALES)
 SURE = 20.0
 HELD = 1.0 - Thresholds().false_names
-"""How likely what is at work is something that the library holds."""
-"""Amplitude of something beyond doubt, in noise standard deviations."""
+"""Probability that what is at work is something that the library holds."""
+"""Amplitude of an effect that is beyond doubt, in noise standard deviations."""
 EITHER_SIDE = ((1.0 - 1e-6, True), (1.0 + 1e-6, False))
 
 
@@ -50,7 +50,7 @@ def axis(*places):
 
 
 def tilted(first, second, share):
-    """Return a column of length 1 that shares so much of its length with one axis and the rest with another one."""
+    """Return a column of length 1 with a given component along one axis and the rest along another."""
     return share * axis(first) + np.sqrt(1.0 - share**2) * axis(second)
 
 
@@ -63,12 +63,12 @@ def by_scale(amplitude):
 
 
 def worth(amplitude):
-    """Return the log evidence of an effect of one row that is so large there."""
+    """Return the log evidence of an effect that moves one row by that amplitude."""
     return float(logsumexp(by_scale(amplitude)) - np.log(len(SCALES)))
 
 
 def share(amplitude):
-    """Return the most probable part of that effect: a conditional mean."""
+    """Return the most probable part of that effect: its conditional mean."""
     variance = SCALES[int(np.argmax(by_scale(amplitude)))] ** 2
     return amplitude * variance / (1.0 + variance)
 
@@ -85,7 +85,7 @@ def fitted(amplitudes, items, count=1, workmanship=()):
 
 
 class Left:
-    """What processes find, made up."""
+    """A stub of what processes find in the residual."""
 
     def __init__(self, structures=(), challenges=None, tried=1, noise=(), under=None, rest=(), leads=None, instead=()):
         self._structures, self._challenges, self._tried = list(structures), challenges or {}, tried
@@ -141,8 +141,8 @@ def cause(effect="a", evidence=100.0, size=1.0, alternatives=()):
 
 
 @pytest.mark.parametrize("tried", [1, 7, 200])
-def test_so_much_evidence_keeps_the_rate_of_false_answers(tried):
-    """Of so many things tried, what is worth e^-L by chance is believed at most at the accepted rate (Markov)."""
+def test_the_evidence_asked_for_keeps_the_rate_of_false_answers(tried):
+    """Of so many candidates tried, a log evidence L has a chance of at most e^-L each: the rate is kept (Markov)."""
     assert tried * np.exp(-Thresholds().evidence_of_one_in(tried)) == pytest.approx(0.01)
     assert tried * np.exp(-Thresholds(false_names=0.2).evidence_of_one_in(tried)) == pytest.approx(0.2)
 
@@ -158,17 +158,17 @@ def test_a_rate_of_false_names_that_is_no_share_is_refused(rate):
 
 
 def hidden(false_names):
-    """Return the distance d at which N(d/2, d) exceeds the evidence asked for four times in five."""
+    """Return the distance d at which N(d/2, d) exceeds the evidence asked for with a probability of 0.8."""
     asked = -np.log(false_names)
     return brentq(lambda d: norm.sf(asked, loc=d / 2.0, scale=np.sqrt(d)) - 0.8, 1e-6, 1e3, xtol=1e-12)
 
 
 @pytest.mark.parametrize("false_names", [0.01, 0.3, 1.0 - 1e-9])
-def test_what_is_hidden_is_seen_four_times_in_five(false_names):
+def test_hidden_is_the_distance_detected_four_times_in_five(false_names):
     assert Thresholds(false_names=false_names).hidden == pytest.approx(hidden(false_names), rel=1e-9)
 
 
-def test_what_was_judged_stays():
+def test_thresholds_causes_and_judgements_are_immutable():
     for made, name in ((Thresholds(), "alternative"), (cause(), "size"), (Judgement("no_gap", (), (), ()), "tried")):
         with pytest.raises(FrozenInstanceError):
             setattr(made, name, 2)
@@ -182,7 +182,7 @@ def test_structure_counts_above_its_evidence_and_size():
     assert judged.clear_structures == (found[2],)
 
 
-def test_structure_beside_a_large_cause_is_its_form():
+def test_structure_small_against_a_cause_is_part_of_that_causes_form():
     causes = (cause(size=2.0), cause("b", size=20.0))
     found = (structure(99.0, 0.99), structure(99.0, 1.01))
     assert Judgement("named", causes, found, ()).clear_structures == found[1:]
@@ -191,7 +191,7 @@ def test_structure_beside_a_large_cause_is_its_form():
 
 @pytest.mark.parametrize(("kind", "verdict"), [("a", "unknown"), ("b", "named")])
 def test_errors_of_joints_have_no_form_that_structure_could_be(kind, verdict):
-    """A cause forty times as large as the structure beside it: of workmanship's kind it is all that it can be."""
+    """Structure a fortieth of a cause is a detail of its form, unless the cause is of workmanship's kind."""
     hypothesis = fitted({0: SURE}, [explanation("a", axis(0))], workmanship=(usual(kind, axis(*BLOCK)),))
     left = Left([structure(99.0, hypothesis.squared_size(0) ** 0.5 / ROWS**0.5 / 40.0)])
     limits = Thresholds(structure_size=0.0)
@@ -221,7 +221,7 @@ def test_a_sure_cause_alone():
     assert found.size == pytest.approx(share(SURE) / np.sqrt(ROWS))
 
 
-def test_in_one_equation_the_size_is_the_part():
+def test_with_one_equation_the_size_is_the_part_itself():
     built = problem(np.array([SURE]), [explanation("a", np.ones((1, 1)))])
     hypothesis = Hypothesis(built, built.explanations, (Scale(1.0),), ()).settled()
     assert _cause(hypothesis, "a", Thresholds()).size == pytest.approx(share(SURE))
@@ -237,14 +237,14 @@ def test_identical_effects_are_a_group_with_equal_chances():
 
 
 def test_a_doubtful_cause_shares_its_chance_with_chance_and_with_others():
-    """Bayes: at work at all, one of four being as likely as nothing; and this one rather than another."""
+    """Bayes: probability that it is at work, one of four as likely as nothing, times that of it among the others."""
     amplitude = amplitude_worth(3.0)
     items = [explanation(name, axis(k)) for k, name in enumerate("abcd")]
     found = _cause(fitted({0: amplitude, 1: 0.5, 2: 0.5, 3: 0.5}, items), "a", Thresholds())
     own, other = np.exp(3.0), np.exp(worth(0.5))
     assert found.probability == pytest.approx(HELD * own / (own + 4.0) * own / (own + 3.0 * other))
     assert found.evidence == pytest.approx(3.0)
-    assert found.alternatives == ("b", "c", "d")  # all of it is less than what such data show
+    assert found.alternatives == ("b", "c", "d")  # every part is smaller than the hidden distance
 
 
 @pytest.mark.parametrize(("factor", "named"), [(0.98, False), (1.02, True)])
@@ -259,8 +259,8 @@ def test_an_alternative_is_as_likely_as_the_rate_of_false_names(factor, named, m
 
 
 @pytest.mark.parametrize(("factor", "named"), [(0.99, True), (1.01, False)])
-def test_who_leaves_no_more_than_is_hidden_explains_as_well(factor, named):
-    # A column of length 1 makes all but one part in 1 + s² of what it points to, s the widest scale.
+def test_an_effect_that_leaves_no_more_than_is_hidden_explains_as_well(factor, named):
+    # A column of length 1 explains all but a share 1 / (1 + s²) of what it points to, where s is the widest scale.
     left = 1.0 - (1.0 - factor * hidden(0.01) / share(SURE) ** 2) * (1.0 + SCALES[-1] ** -2)
     items = [explanation("a", axis(0)), explanation("b", tilted(0, 1, np.sqrt(1.0 - left)))]
     found = _cause(fitted({0: SURE}, items), "a", Thresholds())
@@ -268,8 +268,8 @@ def test_who_leaves_no_more_than_is_hidden_explains_as_well(factor, named):
 
 
 @pytest.mark.parametrize(("count", "series", "named"), [(2, True, True), (8, True, False), (8, False, True)])
-def test_a_series_that_takes_many_terms_to_add_up_to_it_does_not_explain_as_well(count, series, named):
-    """Each of n orthogonal ones of amplitude a/√n costs ½ (1 + ln(a²/n)) at its best scale: 3 nats more, and 16."""
+def test_a_series_that_needs_many_terms_to_add_up_to_a_cause_does_not_explain_as_well(count, series, named):
+    """Each of n orthogonal terms of amplitude a/√n costs ½ (1 + ln(a²/n)) at its best scale: 3 nats more, and 16."""
     several = axis(*range(count)) @ hadamard(count) / np.sqrt(count)
     items = [explanation("a", axis(0)), replace(explanation("b", several), series=series)]
     found = _cause(fitted({0: SURE}, items), "a", Thresholds())
@@ -277,7 +277,7 @@ def test_a_series_that_takes_many_terms_to_add_up_to_it_does_not_explain_as_well
 
 
 def test_a_series_of_which_one_term_is_the_cause_explains_as_well():
-    """All terms at one scale are no rival, but no data tell that term from the cause."""
+    """With all terms at one scale it is no rival, but no data distinguish that one term from the cause."""
     terms = axis(*range(30)) + 0.1 * axis(0)
     items = [explanation("a", axis(0)), explanation("b", terms, series=True)]
     found = _cause(fitted({0: SURE}, items), "a", Thresholds())
@@ -285,7 +285,7 @@ def test_a_series_of_which_one_term_is_the_cause_explains_as_well():
 
 
 def test_only_main_parameters_of_what_may_be_named_explain_as_well():
-    """Neither a shape, nor a twin that is no cause, nor a direction that two columns share but for rounding."""
+    """No shape does, nor an identical effect that is no cause, nor a direction left by rounding of two columns."""
     items = [
         explanation("a", axis(0)),
         Explanation("shaped", "plain", axis(1, 0), np.array([True, False])),
@@ -296,7 +296,7 @@ def test_only_main_parameters_of_what_may_be_named_explain_as_well():
     assert found.alternatives == ()
 
 
-def test_an_effect_in_two_forms_is_called_by_the_larger():
+def test_an_effect_in_two_forms_is_named_with_the_larger_form():
     items = [explanation("a", axis(0), "small"), explanation("b", axis(1)), explanation("a", axis(2), "large")]
     found = _cause(fitted({0: 9.0, 1: SURE, 2: 12.0}, items, 3), "a", Thresholds())
     assert (found.form, found.indices) == ("large", (0, 2))
@@ -322,7 +322,7 @@ def test_a_rival_counts_with_its_best_form():
 
 @pytest.mark.parametrize("beside", [0, 1, 2])
 def test_a_bent_form_is_no_rival_whatever_else_is_bent(beside):
-    """The best form is all shape, so the next one counts; that others in the hypothesis are bent says nothing of it."""
+    """The best form is all shape, so the next one counts, however many other effects of the hypothesis are bent."""
     nearly = amplitude_worth(worth(SURE) - 4.0)
     bent = np.array([True, False])
     others = [Explanation(f"c{k}", "plain", axis(10 + k, 20 + k), bent) for k in range(beside)]
@@ -335,12 +335,12 @@ def test_a_bent_form_is_no_rival_whatever_else_is_bent(beside):
     hypothesis = fitted(amplitudes, [*others, explanation("a", axis(0)), *forms], beside + 1)
     without = hypothesis.without((beside,))
     evidences = {item.key: found.evidence for found, item in without.contenders({"b"})}
-    assert evidences["b", "bent"] > evidences["b", "straight"]  # else nothing would be refused
+    assert evidences["b", "bent"] > evidences["b", "straight"]  # otherwise nothing would be refused
     assert rivals(hypothesis, (beside,), Thresholds()) == {"b": pytest.approx(-4.0 - np.log(2.0), abs=1e-6)}
 
 
 def sized(small, large):
-    """Return the hypothesis of a large and a small effect of known amplitudes, on axes of their own."""
+    """Return the hypothesis of a large and a small effect of known amplitudes, on different axes."""
     return fitted({0: large, 1: small}, [explanation("large", axis(0)), explanation("small", axis(1))], 2)
 
 
@@ -365,8 +365,8 @@ def test_an_effect_is_minor_below_its_share(part, named):
 @pytest.mark.parametrize(
     ("large", "ahead", "named"), [(100.0, 4.7, True), (100.0, 4.5, False), (400.0, 25.5, True), (400.0, 24.5, False)]
 )
-def test_what_a_larger_cause_does_as_well_if_its_size_varies_is_no_cause(large, ahead, named):
-    """Ahead by less than the accepted rate asks for (ln 100), or, where it is small, by less than 25 nats."""
+def test_what_a_larger_cause_of_varying_size_explains_as_well_is_no_cause(large, ahead, named):
+    """The lead must reach what the accepted rate asks for (ln 100), or 25 nats where the effect is minor."""
     varying = tilted(1, 2, amplitude_worth(worth(SURE) - ahead) / SURE)
     judged = judge(
         sized(SURE, large),
@@ -376,27 +376,27 @@ def test_what_a_larger_cause_does_as_well_if_its_size_varies_is_no_cause(large, 
     assert (effects(judged), judged.minor) == ((("large", "small"), ()) if named else (("large",), ("small",)))
 
 
-def test_which_cause_is_the_larger_one_does_not_hang_on_which_was_found_first():
+def test_which_of_two_causes_is_larger_does_not_depend_on_which_was_found_first():
     found = fitted({0: 100.0, 1: SURE}, [explanation("small", axis(1)), explanation("large", axis(0))], 2)
     judged = judge(found, Left(), varied=lambda effect: [Process.of_columns(effect, "time", axis(1))])
     assert (effects(judged), judged.minor) == (("large",), ("small",))
 
 
-def test_a_small_cause_does_not_do_what_a_larger_one_does():
+def test_a_small_cause_of_varying_size_does_not_replace_a_larger_one():
     judged = judge(sized(SURE, 100.0), Left(), varied=lambda effect: [Process.of_columns(effect, "time", axis(0))])
     assert effects(judged) == ("large", "small")
 
 
-def test_a_doubtful_effect_alone_is_its_own_measure():
+def test_a_doubtful_effect_alone_is_compared_only_with_itself():
     assert effects(judge(fitted({0: 4.0}, [explanation("a", axis(0))]), Left())) == ("a",)
 
 
 @pytest.mark.parametrize(("factor", "named"), [(0.99, True), (1.01, False)])
 @pytest.mark.parametrize("noise_known", [True, False])
-def test_a_small_cause_that_adds_less_than_what_is_left_is_minor(factor, named, noise_known):
-    """Absent, it would raise the mean square of what is left by twice its log evidence an equation.
+def test_a_small_cause_that_adds_less_than_the_unexplained_rest_is_minor(factor, named, noise_known):
+    """Without it the mean square of the residual would rise by twice its log evidence per equation.
 
-    What is left is what processes explain together, whether the noise is known or not.
+    The unexplained rest is what the processes explain together, whether the noise is known or not.
     """
     hypothesis, left = sized(amplitude_worth(30.0), 200.0), factor * np.sqrt(2.0 * 30.0 / ROWS)
     judged = judge(hypothesis, Left(rest=(0.7 * left, 0.3 * left)), noise_known=noise_known)
@@ -417,7 +417,7 @@ def test_causes_keep_their_items_when_minor_ones_are_left_out():
     assert [cause.effect for cause, _ in same.challenged] == ["large", "other"]
 
 
-def test_what_adds_just_as_much_as_is_left_stays_and_what_adds_nothing_goes():
+def test_what_adds_as_much_as_the_rest_stays_and_what_adds_nothing_goes():
     large, just, none = cause("large"), cause("just"), cause("none")
     assert _above([large, just, none], [60.0, 2.0, 0.0], 2.0, Thresholds()) == [large, just]
     assert _above([large, just], [60.0, 2.0], 2.0 + 1e-9, Thresholds()) == [large]
@@ -425,15 +425,15 @@ def test_what_adds_just_as_much_as_is_left_stays_and_what_adds_nothing_goes():
     assert _above([], [], 1.0, Thresholds()) == []
 
 
-def test_no_more_than_a_share_of_the_largest_need_be_added():
-    """Twelve hundredths of what the largest adds."""
+def test_a_cause_need_not_add_more_than_a_share_of_what_the_largest_adds():
+    """The share is 0.12."""
     both = [cause("large"), cause("small")]
     for added, kept in ((1.19, 1), (1.21, 2)):
         assert len(_above(both, [10.0, added], 99.0, Thresholds())) == kept
 
 
-def test_what_small_errors_could_stand_in_for_adds_all_that_it_does():
-    """Without it coarser machining would explain as well: its evidence is small, and it is no minor cause for that."""
+def test_a_cause_that_small_errors_could_replace_counts_with_all_that_it_explains():
+    """Without it coarser workmanship would explain as well. That makes its evidence small, but it is no minor cause."""
     items = [explanation("large", axis(0)), explanation("coarse", axis(1))]
     built = problem(residual({0: 12.0, 1: 9.0}), items, [usual("small", axis(1))])
     found = Hypothesis(built, built.explanations, (Scale(10.0), Scale(8.0)), (0,))
@@ -448,7 +448,7 @@ def test_nothing_found_is_no_gap():
     assert judged == Judgement("no_gap", (), (), (), (), 4)
 
 
-def test_clear_structure_makes_it_unknown_and_is_described():
+def test_clear_structure_makes_the_verdict_unknown_and_is_described():
     found = [structure(50.4, 0.456, "load"), structure(40.0, 0.4), structure(1.0, 3.0)]
     left = Left(found, tried=6, rest=(0.4,))
     limits = Thresholds(false_names=0.02)
@@ -465,14 +465,14 @@ def test_clear_structure_makes_it_unknown_and_is_described():
 
 
 def told_as(noise, under, hypothesis, **given):
-    """Judge one clear structure beside such a larger noise of all, under which processes find what is given."""
+    """Judge one clear structure with a larger noise of all rows, under which the processes find what is given."""
     larger = LargerNoise(None, *noise)
     left = Left([structure(50.0, 0.5)], noise=[larger], under={larger.factor: under}, rest=(0.5,))
     left.hypothesis = hypothesis
     return judge(hypothesis, left, **given)
 
 
-def test_what_a_larger_noise_leaves_no_structure_of_scatters():
+def test_structure_that_vanishes_under_a_larger_noise_is_judged_as_scatter():
     least, alone = Thresholds().evidence_of_one_in(1), fitted({0: SURE}, [explanation("a", axis(0))])
     for evidence, left, told in ((9.0, 4.0, True), (9.0, least + 1e-9, False), (least, 4.0, False)):
         judged = told_as((2.0, evidence), Left([structure(left, 0.1)]), alone)
@@ -482,14 +482,14 @@ def test_what_a_larger_noise_leaves_no_structure_of_scatters():
     assert not told_as((2.0, 9.0), Left(), alone, noise_known=False).scatters
 
 
-def test_a_larger_noise_is_asked_for_where_something_is_unknown_only():
-    """A stated noise that is a little small hides no cause, and is none."""
+def test_a_larger_noise_is_considered_only_where_something_is_unknown():
+    """A stated noise that is slightly too small hides no cause and is no cause itself."""
     judged = judge(fitted({0: SURE}, [explanation("a", axis(0))]), Left(noise=[LargerNoise(None, 1.2, 500.0)]))
     assert (judged.verdict, judged.scatters) == ("named", False)
 
 
-def test_of_several_larger_noises_it_is_the_most_evident_that_hides_all():
-    """Three ways; under the first structure stays, under the second none, and the third is not worth enough."""
+def test_of_several_larger_noises_the_most_evident_that_hides_all_structure_is_chosen():
+    """Of three, structure stays under the first and vanishes under the second; the third has too little evidence."""
     alone, kind = fitted({0: SURE}, [explanation("a", axis(0))]), np.arange(ROWS) % 2
     ways = [LargerNoise(1, 5.0, 80.0), LargerNoise(None, 4.0, 70.0), LargerNoise(0, 2.0, 1.0)]
     under = {5.0: Left([structure(30.0, 0.4)]), 4.0: Left(), 2.0: Left()}
@@ -500,8 +500,8 @@ def test_of_several_larger_noises_it_is_the_most_evident_that_hides_all():
         assert (judged.verdict, judged.larger_noise) == ("unknown", told)
 
 
-def test_what_is_searched_again_under_a_larger_noise_stays_unknown():
-    """However well it is explained there: the noise is not as it is told."""
+def test_a_search_repeated_under_a_larger_noise_ends_in_unknown():
+    """However well the residual is explained there: the noise is not as stated."""
     larger = LargerNoise(0, 5.0, 80.0)
     judged = judge(fitted({0: SURE}, [explanation("a", axis(0))]), Left(), larger_noise=larger)
     assert (judged.verdict, judged.larger_noise, effects(judged)) == ("unknown", larger, ("a",))
@@ -509,8 +509,8 @@ def test_what_is_searched_again_under_a_larger_noise_stays_unknown():
     assert judged.doubtful == ()
 
 
-def test_a_cause_is_one_under_the_larger_noise_too():
-    """Three times as large it leaves of 20 and 8 noise standard deviations 6.7 and 2.7: 18 nats, and hardly one."""
+def test_a_cause_must_be_one_under_the_larger_noise_too():
+    """With three times the noise, amplitudes 20 and 8 become 6.7 and 2.7: 18 nats, and hardly one."""
     hypothesis = sized(8.0, SURE)
     judged = told_as((3.0, 99.0), Left(challenges={(0,): Challenge(process(), 9.0)}), hypothesis)
     assert worth(SURE / 3.0) > Thresholds().evidence_of_one_in(1) > worth(8.0 / 3.0)
@@ -523,7 +523,7 @@ def test_unclear_structure_is_not_described():
     assert (judged.verdict, judged.remainder, judged.reasons) == ("named", (), ())
 
 
-def test_a_cause_that_a_process_beats_is_only_the_nearest():
+def test_a_cause_that_a_process_beats_is_only_the_nearest_explanation():
     worse, better = Challenge(process(), -4.0), Challenge(process("load"), 30.4)
     judged = judge(sized(SURE, SURE), Left(challenges={(1,): better, (0,): worse}, tried=3))
     assert judged.verdict == "unknown"
@@ -533,8 +533,8 @@ def test_a_cause_that_a_process_beats_is_only_the_nearest():
     assert judged.reasons[0] == "'place depending on load' explains the data better than small, by 30 nats"
 
 
-def test_beside_something_unknown_a_cause_must_be_worth_more_than_a_description_in_its_place():
-    """A hundred times as much at the usual rate, whatever beats it alone; not asked where nothing is unknown."""
+def test_where_something_is_unknown_a_cause_must_lead_the_description_that_could_replace_it():
+    """By a factor of a hundred at the usual rate, whatever beats it alone; not asked where nothing is unknown."""
     least = Thresholds().evidence_of_one_in(1)
     for lead, doubtful in ((least - 1e-9, ("large",)), (least, ())):
         judged = judge(sized(SURE, SURE), Left([structure(50.0, 99.0)], rest=(0.5,), leads={(0,): lead}))
@@ -550,8 +550,8 @@ def test_beside_something_unknown_a_cause_must_be_worth_more_than_a_description_
 
 
 @pytest.mark.parametrize(("doubtful", "size"), [(True, 3.0), (False, 0.7)])
-def test_what_a_doubtful_cause_takes_up_of_it_is_unknown(doubtful, size):
-    """Processes that explain it together are asked beside the causes that are sure; no gap is less than the unknown."""
+def test_what_a_doubtful_cause_explains_counts_as_unknown(doubtful, size):
+    """The processes are fitted together with the sure causes only; the unknown is never larger than the gap."""
     leads = {(1,): -1.0} if doubtful else {}
     left = Left([structure(50.0, 99.0)], rest=(0.5, 0.2), instead=(4.0, -1.0), leads=leads)
     for gap, told in ((np.inf, size), (0.6, 0.6)):
@@ -563,21 +563,21 @@ def test_what_a_doubtful_cause_takes_up_of_it_is_unknown(doubtful, size):
     assert judge(sized(SURE, SURE), Left()).unknown_size == 0.0
 
 
-def test_of_what_is_disbelieved_nothing_is_sure():
+def test_no_cause_of_a_disbelieved_judgement_is_sure():
     judged = judge(sized(SURE, SURE), Left())
     assert (judged.verdict, judged.doubtful) == ("named", ())
-    for _ in range(2):  # said once, however often it is asked
+    for _ in range(2):  # the reason is given once, however often it is called
         judged = judged.disbelieved("too large", 7.0)
         assert (judged.verdict, judged.reasons, {*judged.doubtful}) == ("unknown", ("too large",), {"large", "small"})
         assert judged.unknown_size == 7.0  # the whole gap
 
 
-def test_small_errors_brought_to_light_are_no_cause():
+def test_effects_fitted_to_reveal_small_errors_are_no_cause():
     fit = explanation("fitted", axis(0), cause=False)
     alone = judge(fitted({0: SURE}, [fit]), Left())
     assert (alone.verdict, alone.causes, len(alone.reasons)) == ("unknown", (), 1)
     assert "soft joints" in alone.reasons[0]
-    for share, verdict in ((0.9, "no_gap"), (1.1, "unknown")):  # of the noise
+    for share, verdict in ((0.9, "no_gap"), (1.1, "unknown")):  # in units of the noise
         hypothesis = fitted({0: share * np.sqrt(len(axis(0)))}, [fit])
         assert hypothesis.worth((0,)) > 5.0
         assert judge(hypothesis, Left()).verdict == verdict
@@ -591,19 +591,19 @@ TYPICAL = WORKMANSHIP_LEVELS.index(1 / 64)
 
 
 def usual(effect, columns):
-    """Return workmanship whose columns have unit coefficients at the typical level, a 64th."""
+    """Return workmanship whose columns have unit coefficients at the typical level, 1/64."""
     return Workmanship(effect, 64.0 * columns)
 
 
 def told(values, workmanship, levels):
-    """Return the log density beside workmanship; a level's prior is normal about the typical one, in steps of two."""
+    """Return the log density given workmanship; a level's prior is normal about the typical one, in steps of two."""
     groups = [WORKMANSHIP_LEVELS[n] * b.columns for n, b in zip(levels, workmanship, strict=True) if n]
     prior = sum(norm.logpdf(n, TYPICAL, 1.0) - norm.logpdf(TYPICAL, TYPICAL, 1.0) for n in levels if n)
     return log_density(values, *groups) + prior / len(levels)
 
 
 def best_told(values, workmanship, kind):
-    """Return that with one kind alone at its best level."""
+    """Return the log density with one kind alone at its best level."""
     zero = [0] * len(workmanship)
     choices = [[*zero[:kind], n, *zero[kind + 1 :]] for n in range(len(WORKMANSHIP_LEVELS))]
     return max(told(values, workmanship, levels) for levels in choices)
@@ -641,7 +641,7 @@ def test_no_small_errors_are_no_cause():
     assert workmanship_causes(at_levels({}, (), ()), Thresholds()) == []
 
 
-def test_what_load_makes_of_workmanship_is_said_if_it_is_no_minor_part_of_it():
+def test_what_load_makes_of_workmanship_is_reported_unless_it_is_a_minor_part_of_it():
     small, fit = usual("small", axis(*BLOCK)), explanation("fitted", axis(0), cause=False)
     values = spread(6.0) | {0: SURE}
     built = problem(residual(values), [fit, explanation("small", axis(40))], (small,))
@@ -654,7 +654,7 @@ def test_what_load_makes_of_workmanship_is_said_if_it_is_no_minor_part_of_it():
         assert (judged.verdict == "unknown") == unknown
 
 
-def test_of_two_kinds_the_evidence_asked_for_is_twice():
+def test_with_two_kinds_of_workmanship_twice_the_odds_are_asked_for():
     workmanship = (usual("one", axis(*BLOCK)), usual("other", axis(*OTHER)))
     amplitudes = spread(2.2) | spread(2.2, OTHER)
     hypothesis = at_levels(amplitudes, workmanship, (4, 4), [explanation("one", axis(40))])
@@ -665,7 +665,7 @@ def test_of_two_kinds_the_evidence_asked_for_is_twice():
         assert (found == []) == silent
 
 
-def test_where_it_takes_two_kinds_the_one_that_does_most_is_named_with_its_own_evidence():
+def test_where_two_kinds_are_needed_the_one_that_explains_most_is_named_with_its_own_evidence():
     workmanship = (usual("one", axis(*BLOCK)), usual("other", axis(*OTHER)))
     amplitudes = spread(2.9) | spread(3.1, OTHER)
     hypothesis = at_levels(amplitudes, workmanship, (5, 5), [explanation("one", axis(40))])
@@ -676,7 +676,7 @@ def test_where_it_takes_two_kinds_the_one_that_does_most_is_named_with_its_own_e
     assert found[0].size == pytest.approx(0.8 * 3.1 * np.sqrt(8 / ROWS))
 
 
-def test_one_kind_is_enough_if_it_is_missed_for_less_than_is_asked_for():
+def test_one_kind_is_enough_if_the_other_adds_less_than_is_asked_for():
     workmanship = (usual("one", axis(*BLOCK)), usual("other", axis(*OTHER)))
     amplitudes = spread(2.8) | spread(2.0, OTHER)
     hypothesis = at_levels(amplitudes, workmanship, (5, 4), [explanation("one", axis(40))])
@@ -693,7 +693,7 @@ def test_one_kind_is_enough_if_it_is_missed_for_less_than_is_asked_for():
 
 
 def overlapping():
-    """Return two kinds that explain much the same, the first a little better."""
+    """Return three kinds of which two explain nearly the same, the first a little better."""
     nearly = np.hstack([tilted(k, k + 20, 0.95) for k in BLOCK])
     return usual("one", axis(*BLOCK)), usual("other", nearly), usual("third", axis(*OTHER))
 
@@ -712,7 +712,7 @@ def test_kinds_that_explain_as_well_are_alternatives():
         assert found[0].probability == pytest.approx((1.0 - limits.false_names) * share, abs=0.01)
 
 
-def test_chances_of_kinds_that_are_the_same_are_equal():
+def test_identical_kinds_have_equal_chances():
     same = [usual(name, axis(*BLOCK)) for name in ("one", "two", "three")]
     hypothesis = at_levels(spread(3.0), same, (3, 3, 3), [explanation("one", axis(40))])
     found = workmanship_causes(hypothesis, Thresholds())
@@ -744,8 +744,8 @@ def test_an_effect_that_explains_as_well_as_small_errors_is_an_alternative():
 
 
 @pytest.mark.parametrize(("factor", "found"), [(0.97, ()), (1.03, ("b",))])
-def test_an_alternative_to_small_errors_does_at_least_half_of_what_they_do(factor, found):
-    """A quarter of the sum of squares; beside small errors that come back it would be worth something at any size."""
+def test_an_alternative_to_small_errors_explains_at_least_half_of_what_they_do(factor, found):
+    """That is a quarter of the sum of squares; together with small errors any size would have some evidence."""
     part = 0.5 * 1.9
     amplitude = brentq(lambda a: share(a) ** 2 - 0.25 * factor**2 * 8.0 * part**2, 1.5, 9.0)
     items = [explanation("b", axis(40))]
@@ -754,14 +754,14 @@ def test_an_alternative_to_small_errors_does_at_least_half_of_what_they_do(facto
 
 
 @pytest.mark.parametrize(("evidence", "found"), [(-0.1, ()), (0.1, ("b",)), (0.9, ("b",))])
-def test_an_alternative_to_small_errors_is_worth_something(evidence, found):
+def test_an_alternative_to_small_errors_has_positive_evidence(evidence, found):
     amplitude = amplitude_worth(evidence)
     items = [explanation("b", axis(40))]
     hypothesis = at_levels(spread(0.3) | {40: amplitude}, (usual("small", axis(*BLOCK)),), (4,), items)
     assert (*instead_of_workmanship(hypothesis, 0, Thresholds()),) == found
 
 
-def test_small_errors_are_named_where_they_may_be():
+def test_small_errors_are_named_where_the_library_allows_it():
     workmanship = (usual("small", axis(*BLOCK)),)
     values = residual(spread(3.0))
     known = explanation("small", axis(40))
@@ -773,7 +773,7 @@ def test_small_errors_are_named_where_they_may_be():
     assert barred.reasons == ("workmanship of the kind small is present, but excluded from being named",)
 
 
-def test_small_errors_are_not_named_beside_a_cause_or_a_reason():
+def test_small_errors_are_not_named_where_there_is_another_cause_or_a_reason_for_unknown():
     workmanship = (usual("small", axis(*BLOCK)),)
     items = [explanation("a", axis(0)), explanation("small", axis(40))]
     beside = judge(fitted(spread(3.0) | {0: 30.0}, items, 1, workmanship), Left())

@@ -31,11 +31,11 @@ CONSTANT = np.ones((ROWS, 1))
 
 
 def nothing(residual, items=(), free=CONSTANT):
-    """Return the empty hypothesis beside a free constant: drift is zero on average, so a mean is nobody's."""
+    """Return the empty hypothesis with a free constant: drift is zero on average, so no process explains a mean."""
     return Hypothesis.nothing(problem(residual, items, free=free))
 
 
-def test_a_step_in_time_and_a_curve_over_load_are_told_apart(described, rng):
+def test_a_step_in_time_and_a_curve_over_load_are_distinguished(described, rng):
     load, descriptions = described
     step = rng.normal(size=ROWS) + 3.0 * (TIME > 33)
     curve = rng.normal(size=ROWS) + 2.0 * np.cos(2.0 * load)
@@ -66,7 +66,7 @@ def covariance_of(summand):
 
 
 def test_the_sum_is_that_of_gaussian_processes(described, rng):
-    """Each share is the conditional mean beside the hypothesis and the other shares, from dense covariances."""
+    """Each share is the conditional mean given the hypothesis and the other shares, from dense covariances."""
     load, descriptions = described
     item = explanation("a", rng.normal(size=(ROWS, 2)))
     residual = rng.normal(size=ROWS) + 3.0 * (TIME > 33) + 2.0 * np.cos(2.0 * load) + 2.0 * item.columns[:, 0]
@@ -85,11 +85,11 @@ def test_the_sum_is_that_of_gaussian_processes(described, rng):
         assert summand.size == pytest.approx(np.sqrt((summand.part**2).mean()))
         rest = multivariate_normal(np.zeros(ROWS), total - own).logpdf(residual)
         peak = multivariate_normal(np.zeros(ROWS), total).logpdf(residual) - rest
-        assert peak - 4.0 < summand.evidence <= peak + 1e-6  # averaged over 28 amplitudes: ln 28 = 3.3 less at most
+        assert peak - 4.0 < summand.evidence <= peak + 1e-6  # averaged over 28 amplitudes: at most ln 28 = 3.3 less
 
 
-def test_columns_need_not_be_written_out(rng):
-    """Channels times courses, several equations a row, against the same columns written out."""
+def test_columns_from_channels_and_courses_equal_columns_written_out(rng):
+    """Channels times courses, with several equations per row, against the same columns written out."""
     row = np.repeat(np.arange(40), 3)
     sums, by = sums_of(row, 40), rng.normal(size=40)
     channels = [Channel(name, rng.normal(size=120), sums) for name in "ab"]
@@ -141,7 +141,7 @@ def test_what_the_hypothesis_explains_is_no_structure(described, rng):
     assert Discrepancy.of(fitted, descriptions).structures() == []
 
 
-def test_evidence_wanted_is_the_evidence_kept(described, rng):
+def test_only_structures_above_the_asked_evidence_are_kept(described, rng):
     _, descriptions = described
     residual = rng.normal(size=ROWS) + 3.0 * (TIME > 33)
     everything = Discrepancy.of(nothing(residual), descriptions).structures(-np.inf)
@@ -167,18 +167,18 @@ def test_a_right_cause_beats_descriptions_and_a_wrong_one_does_not(described, rn
 
 
 def leading(residual, columns, processes, least=3.0):
-    """Return the lead of a cause of such columns, what it is worth, and the processes beside it, by name."""
-    item = explanation("cause", columns - columns.mean(axis=0))  # what the free constant leaves of it
+    """Return the lead of a cause with such columns, its evidence, and the names of the processes in the sum."""
+    item = explanation("cause", columns - columns.mean(axis=0))  # what the free constant leaves of them
     hypothesis = Hypothesis(problem(residual, [item], free=CONSTANT), (item,), (Scale(1.0),), ()).settled()
     seen = Discrepancy.of(hypothesis, processes)
     return seen.lead((0,), least), hypothesis.worth((0,)), {s.process.name for s in seen.sum(least, 2)}
 
 
-def test_beside_something_unknown_a_cause_leads_by_what_no_description_takes_up(described, rng):
-    """A cause with a course of its own leads, though descriptions take up a part; one that they copy does not.
+def test_where_something_is_unknown_a_cause_leads_by_what_no_description_explains(described, rng):
+    """A cause with a course of its own leads although descriptions explain a part; one that they copy does not.
 
-    In the place of that one a description is worth as much, but for its prior; a small one, too, which beside something
-    unknown would be described by nobody.
+    A description in place of the copied one has the same evidence except for its prior. That holds for a small cause,
+    too, which would not be described where something else is unknown.
     """
     load, descriptions = described
     own, course = rng.normal(size=ROWS), columns_of(descriptions[1].lengths[""])
@@ -192,7 +192,7 @@ def test_beside_something_unknown_a_cause_leads_by_what_no_description_takes_up(
 
 
 def test_a_cause_is_not_charged_for_what_is_unknown_elsewhere():
-    """Four things that share no row with it or each other lessen its lead by nothing, clear or not."""
+    """Four structures that share no row with it or each other do not lessen its lead, clear or not."""
     axes = np.eye(ROWS)
     processes = [Process.of_columns("place", str(k), axes[:, [k]]) for k in range(4)]
     residual = 20.0 * axes[:, :4].sum(axis=1) + 20.0 * axes[:, 10]
@@ -203,7 +203,7 @@ def test_a_cause_is_not_charged_for_what_is_unknown_elsewhere():
         assert lead == pytest.approx(hypothesis.worth((0,)), rel=1e-6)
 
 
-def test_two_descriptions_in_the_place_of_a_cause_count_with_what_both_are_worth():
+def test_two_descriptions_in_place_of_a_cause_count_with_the_evidence_of_both():
     both = np.eye(ROWS)[:, [0, 1]]
     processes = [Process.of_columns("place", str(k), both[:, [k]]) for k in (0, 1)]
     item = explanation("cause", both.sum(axis=1, keepdims=True) / np.sqrt(2.0))
@@ -214,8 +214,8 @@ def test_two_descriptions_in_the_place_of_a_cause_count_with_what_both_are_worth
     assert 0.0 < lead < 10.0 and seen.lead((0,), 5.0) == pytest.approx(lead)
 
 
-def test_what_others_explain_together_is_dropped_again():
-    """What moves two rows is found first; two that move one of these each, and another one, then leave it nothing."""
+def test_a_process_that_others_explain_together_is_dropped_again():
+    """A process on two rows is found first; it is not needed once two more, each with one of these rows, are in."""
     axes = np.eye(ROWS)
     courses = {"both": axes[:, [0, 1]], "first": axes[:, [0, 2]], "second": axes[:, [1, 3]]}
     processes = [Process.of_columns("place", by, course) for by, course in courses.items()]
@@ -225,7 +225,7 @@ def test_what_others_explain_together_is_dropped_again():
 
 
 def test_the_largest_part_comes_first_and_not_the_most_evident():
-    """Forty rows of 3 noise standard deviations, each with a coefficient of its own, cost more than one row of 16."""
+    """Forty rows of 3 noise standard deviations, each with its own coefficient, cost more than one row of 16."""
     axes = np.eye(ROWS)
     courses = {"one": axes[:, [0]], "many": axes[:, 1:41]}
     processes = [Process.of_columns("place", by, course) for by, course in courses.items()]
@@ -235,8 +235,8 @@ def test_the_largest_part_comes_first_and_not_the_most_evident():
     assert [one.process.by for one in seen.sum(3.0, 2)] == ["many", "one"]
 
 
-def test_a_larger_noise_is_weighed_by_densities_of_what_free_unknowns_leave(rng):
-    """The density is that of the coordinates across the free constant."""
+def test_the_evidence_of_a_larger_noise_is_a_ratio_of_densities_given_free_unknowns(rng):
+    """The density is that of the coordinates orthogonal to the free constant."""
     cause = explanation("linear", rng.normal(size=(ROWS, 2)))
     residual = 1.5 * rng.normal(size=ROWS) + cause.columns @ [2.0, -1.0] + 7.0
     built = problem(residual, [cause], free=CONSTANT)
@@ -253,8 +253,8 @@ def test_a_larger_noise_is_weighed_by_densities_of_what_free_unknowns_leave(rng)
     assert found.factor == pytest.approx(factors[int(np.argmax(density[1:]))], rel=0.05)
 
 
-def test_a_larger_noise_of_one_kind_alone_is_weighed_by_densities_too(rng):
-    """Of two kinds there are three ways: of either alone, and of both alike; each is as likely."""
+def test_the_evidence_of_a_larger_noise_of_one_kind_is_a_ratio_of_densities_too(rng):
+    """With two kinds there are three equally likely cases: either kind alone, or both alike."""
     cause, kind = explanation("linear", rng.normal(size=(ROWS, 2))), np.arange(ROWS) % 4 // 3 + 5
     residual = rng.normal(size=ROWS) * np.where(kind == 6, 4.0, 1.2) + cause.columns @ [2.0, -1.0] + 7.0
     built = problem(residual, [cause], free=CONSTANT)
@@ -277,8 +277,8 @@ def test_a_larger_noise_of_one_kind_alone_is_weighed_by_densities_too(rng):
     assert [one.evidence for one in found.values()] == sorted((one.evidence for one in found.values()), reverse=True)
 
 
-def test_what_is_left_to_noise_is_weighed_by_densities_beside_a_process(rng):
-    """A noise of a fifth and a slow wave make what is left over; scales of the wave are averaged over."""
+def test_the_evidence_of_the_noise_share_is_a_ratio_of_densities_given_a_process(rng):
+    """The residual is a slow wave with a noise share of a fifth; the evidence averages over scales of the wave."""
     cause = explanation("linear", rng.normal(size=(ROWS, 2)))
     course = smooth(TIME, 10.0)
     residual = np.sin(TIME / 7.0) * np.sqrt(2.0) * np.sqrt(0.96) + 0.2 * rng.normal(size=ROWS)
@@ -306,8 +306,8 @@ def test_what_is_left_to_noise_is_weighed_by_densities_beside_a_process(rng):
     assert share == pytest.approx(0.2, rel=0.3)
 
 
-def test_what_explains_too_little_is_not_asked_for(rng):
-    """Of 79 freedoms a slow wave leaves a share of noise that least squares tell; asked for less, it is all noise."""
+def test_a_process_that_explains_too_little_is_not_considered(rng):
+    """Of 79 degrees of freedom a slow wave leaves the share that least squares give; below that share all is noise."""
     course = smooth(TIME, 10.0)
     residual = 0.8 * np.sin(TIME / 7.0) + 0.6 * rng.normal(size=ROWS)
     seen = Discrepancy.of(nothing(residual), [Process.of_columns("place", "time", course)])
@@ -319,7 +319,7 @@ def test_what_explains_too_little_is_not_asked_for(rng):
 
 
 def test_white_noise_is_all_left_to_noise():
-    """Markov: of fifty at most half a campaign says otherwise by as much as is asked for."""
+    """Markov: of fifty campaigns at most half a one reaches the evidence asked for."""
     alarms = 0
     for seed in range(50):
         residual = np.random.default_rng(seed).normal(size=ROWS)
@@ -329,8 +329,8 @@ def test_white_noise_is_all_left_to_noise():
 
 
 @pytest.mark.parametrize("times", [3.0, np.full(ROWS, 3.0), np.where(TIME % 3 < 1, 5.0, 1.0)], ids=["", "all", "some"])
-def test_under_a_larger_noise_all_is_as_if_it_were_stated(described, rng, times):
-    """The same residual and columns over that noise, and over the one that was stated, built anew."""
+def test_results_under_a_larger_noise_equal_those_with_that_noise_stated(described, rng, times):
+    """The residual and columns divided by that noise, against a problem built anew with that noise stated."""
     load, descriptions = described
     cause = explanation("linear", load[:, None])
     residual = 3.0 * (rng.normal(size=ROWS) + 2.0 * load + np.cos(3.0 * load))
@@ -352,8 +352,8 @@ def test_under_a_larger_noise_all_is_as_if_it_were_stated(described, rng, times)
     assert dict(structures[0]) == pytest.approx(dict(structures[1]), rel=1e-9)
 
 
-def test_two_conditions_are_no_larger_noise(described, rng):
-    """Each alone leaves the other's part, which a larger noise takes up; under it both are seen all the same."""
+def test_two_conditions_are_not_taken_for_a_larger_noise(described, rng):
+    """For each alone the other's part looks like a larger noise; both are still detected under it."""
     load, descriptions = described
     residual = rng.normal(size=ROWS) + 3.0 * np.cos(2.0 * load) + 3.0 * np.sin(TIME / 9.0)
     seen, one_kind = Discrepancy.of(nothing(residual), descriptions), np.zeros(ROWS)
@@ -367,10 +367,10 @@ def test_two_conditions_are_no_larger_noise(described, rng):
 
 
 @pytest.mark.parametrize("times", [1.0, 5.0])
-def test_the_kind_whose_noise_is_larger_is_told_and_its_size(described, rng, times):
-    """Places and turns at each moment; the noise of the turns is so many times as large as it is said to be.
+def test_the_kind_with_the_larger_noise_is_found_with_its_size(described, rng, times):
+    """Positions and rotations alternate; the noise of the rotations is a multiple of the stated one.
 
-    Chance in every row describes that, too; what goes by the load has a cause, which is found beside it.
+    A process of chance in every row describes that, too. What depends on the load has a cause, which is found as well.
     """
     load, descriptions = described
     kind = np.arange(ROWS) % 2
@@ -383,12 +383,12 @@ def test_the_kind_whose_noise_is_larger_is_told_and_its_size(described, rng, tim
     assert [one.effect for one in judged.causes] == ["linear"]
     if times > 1.0:
         assert (judged.verdict, judged.larger_noise.kind) == ("unknown", 1)
-        # The deviation of 40 values is known to a ninth.
+        # The standard deviation of 40 values is known to a ninth.
         assert judged.larger_noise.factor == pytest.approx(times, rel=0.25)
         assert judged.doubtful == ()
     else:
         assert (judged.verdict, judged.larger_noise) == ("named", None)
 
 
-def test_what_differs_in_every_row_is_called_so():
+def test_a_process_of_chance_is_called_different_in_every_row():
     assert Process("drives", CHANCE, {}).words == "drives, different in every row"

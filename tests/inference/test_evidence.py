@@ -30,13 +30,13 @@ def ratio(residual, columns, others, scale):
 
 
 def factor(columns, residual, groups=()):
-    """Return what a group of columns is worth beside others of unit coefficients."""
+    """Return the log Bayes factor of a group of columns given others with unit coefficients."""
     seen, places = beside(groups, columns, residual)
     return bayes_factor(seen.inner(places, places), seen.projected[places])
 
 
 @pytest.mark.parametrize("unit", [1.0, 7.0])
-def test_a_group_is_worth_no_more_than_it_explains_at_most(rng, unit):
+def test_a_group_has_no_more_evidence_than_its_bound(rng, unit):
     main = np.array([True, False, False])
     for size in (0.1, 1.0, 30.0):
         columns = rng.normal(size=(12, 3))
@@ -48,7 +48,7 @@ def test_a_group_is_worth_no_more_than_it_explains_at_most(rng, unit):
     assert most == pytest.approx(found.peak, rel=0.2), "of a strong group the bound is near"
 
 
-def test_inner_products_are_those_of_the_inverse(rng):
+def test_conditional_inner_products_are_those_of_the_inverse(rng):
     groups = [rng.normal(size=(9, 2)), 3.0 * rng.normal(size=(9, 4))]
     columns, residual = rng.normal(size=(9, 3)), rng.normal(size=9)
     covariance = np.eye(9) + sum(g @ g.T for g in groups)
@@ -65,7 +65,7 @@ def test_inner_products_are_those_of_the_inverse(rng):
     np.testing.assert_allclose(outside[1], projected, atol=1e-12)
 
 
-def test_one_after_the_other_is_both_at_once(rng):
+def test_conditioning_in_two_steps_equals_conditioning_at_once(rng):
     """A Schur complement of a Schur complement; weights scale the columns."""
     stacked, residual = rng.normal(size=(30, 9)), rng.normal(size=30)
     gram, weights = Gram.of([stacked], residual), rng.uniform(0.1, 3.0, 6)
@@ -78,8 +78,8 @@ def test_one_after_the_other_is_both_at_once(rng):
 
 
 @pytest.mark.parametrize("own", [slice(0, 2), slice(2, 5), slice(5, 6)])
-def test_means_without_some_follow_from_all_together(rng, own):
-    """The covariance of coefficients is at most one, so that the blocks of its inverse lose few digits."""
+def test_means_without_some_coefficients_follow_from_all_together(rng, own):
+    """The covariance of coefficients is at most one, so the blocks of its inverse lose few digits."""
     columns, residual = rng.normal(size=(30, 6)), rng.normal(size=30)
     gram, weights = Gram.of([columns], residual), rng.uniform(0.5, 2.0, 6)
     everything, rest = ConditionalGram(gram, np.arange(6), weights), np.delete(np.arange(6), own)
@@ -89,7 +89,7 @@ def test_means_without_some_follow_from_all_together(rng, own):
     np.testing.assert_allclose(means[own], 0.0, atol=1e-12)
 
 
-def test_without_groups_nothing_is_weighed(rng):
+def test_without_groups_the_inner_products_are_unchanged(rng):
     values, residual = rng.normal(size=(7, 2)), rng.normal(size=7)
     seen, places = beside([], values, residual)
     np.testing.assert_array_equal(seen.inner(places, places), values.T @ values)
@@ -97,7 +97,7 @@ def test_without_groups_nothing_is_weighed(rng):
 
 
 def test_large_and_nearly_parallel_columns():
-    """Against exact rational arithmetic: what is lost is round-off of the inner products themselves, no more."""
+    """Against exact rational arithmetic: only the round-off of the inner products themselves is lost."""
     columns = np.array([[2.0**16, 2.0**16], [2.0**15, 2.0**15 + 1.0], [0.0, 2.0**-3]])
     values = np.array([1.0, -2.0, 0.5])
     exact = [[Fraction(v) for v in row] for row in columns.tolist()]
@@ -108,7 +108,7 @@ def test_large_and_nearly_parallel_columns():
     solution = _solved(covariance, [Fraction(v) for v in values.tolist()])
     expected = float(sum(Fraction(v) * s for v, s in zip(values.tolist(), solution, strict=True)))
     seen, _ = beside([columns], np.zeros((3, 0)), values)
-    # The residual projected on the columns is as long as these; its square is what is taken away.
+    # The residual projected on the columns is as long as these; its square is subtracted.
     lost = round_off(np.linalg.norm(columns) ** 2, terms=columns.size)
     assert lost < 1e-3
     assert seen.squared == pytest.approx(expected, abs=lost)
@@ -135,8 +135,8 @@ def test_gain_is_the_ratio_of_densities_averaged_over_scales(rng):
 
 
 @pytest.mark.parametrize("size", [0.0, 1.0, 4.0])
-def test_scales_are_as_fine_as_they_need_be(rng, size):
-    """The average over the grid is the integral over the logarithm of the scale, by adaptive quadrature."""
+def test_the_grid_of_scales_is_fine_enough(rng, size):
+    """The average over the grid equals the integral over the logarithm of the scale, by adaptive quadrature."""
     columns = rng.normal(size=(12, 2))
     residual = rng.normal(size=12) + size * columns @ np.array([1.0, -0.5])
     low, high = LOG_SCALES[0], LOG_SCALES[-1]
@@ -145,8 +145,8 @@ def test_scales_are_as_fine_as_they_need_be(rng, size):
     assert found.evidence == pytest.approx(np.log(integral / (high - low)), abs=0.1)
 
 
-def test_evidence_does_not_see_how_columns_are_turned(rng):
-    """Orthogonal mixing of a group leaves its prior alone, hence its evidence."""
+def test_evidence_is_invariant_under_rotation_of_columns(rng):
+    """Orthogonal mixing of a group leaves its prior unchanged, hence its evidence."""
     columns, residual = rng.normal(size=(20, 4)), rng.normal(size=20)
     turn, _ = np.linalg.qr(rng.normal(size=(4, 4)))
     others = [rng.normal(size=(20, 3))]
@@ -155,7 +155,7 @@ def test_evidence_does_not_see_how_columns_are_turned(rng):
 
 
 def test_repeated_and_empty_columns_are_one_column(rng):
-    """Twice the same column is one column √2 as large; a column of nothing adds nothing."""
+    """The same column twice is one column √2 as large; a zero column adds nothing."""
     column, residual, others = rng.normal(size=(15, 1)), rng.normal(size=15), ()
     twice = np.hstack([column, column, np.zeros((15, 1))])
     expected = factor(np.sqrt(2.0) * column, residual, others)
@@ -169,21 +169,21 @@ def test_nearly_repeated_columns_are_steady(rng):
     assert factor(nearly, residual, others).evidence == pytest.approx(expected.evidence, abs=1e-6)
 
 
-def test_nothing_is_worth_nothing(rng):
+def test_a_group_without_columns_has_no_evidence(rng):
     found = factor(np.zeros((15, 2)), rng.normal(size=15))
     assert found.evidence == 0.0
     assert found.peak == 0.0
 
 
-def test_what_others_explain_is_worth_nothing_more(rng):
+def test_what_other_columns_explain_adds_no_evidence(rng):
     column = rng.normal(size=(30, 1))
     residual = 50.0 * column[:, 0] + rng.normal(size=30)
     assert factor(column, residual).evidence > 100.0
     assert factor(column, residual, [100.0 * column]).evidence < 1.0
 
 
-def test_columns_that_noise_does_not_need_cost(rng):
-    """On noise alone a group of many columns is worth less than nothing, on the average of many draws."""
+def test_columns_that_noise_does_not_need_lose_evidence(rng):
+    """On noise alone a group of many columns has negative evidence on average over many draws."""
     columns, others = rng.normal(size=(60, 10)), ()
     worth = [factor(columns, rng.normal(size=60), others).evidence for _ in range(100)]
     assert np.mean(worth) < 0.0
@@ -236,7 +236,7 @@ def test_shaping_has_a_scale_of_its_own(rng):
 
 @pytest.mark.parametrize("probability", [0.5, 0.975])
 def test_the_largest_scale_is_a_quantile_of_the_scales_density(rng, probability):
-    """Of the grid: the first scale below which the density of the data puts no less than the probability."""
+    """Of the grid: the first scale below which the posterior given the data holds at least the probability."""
     columns, residual = rng.normal(size=(12, 2)), rng.normal(size=12)
     found = largest_scale(columns.T @ columns, columns.T @ residual, probability)
     density = np.exp([ratio(residual, columns, [], scale) for scale in SCALES])
@@ -247,14 +247,14 @@ def test_the_largest_scale_is_a_quantile_of_the_scales_density(rng, probability)
         assert largest_scale(columns.T @ columns, columns.T @ residual) == found
 
 
-def test_of_a_strong_group_no_scale_is_too_large(rng):
+def test_for_a_strong_group_no_scale_is_too_large(rng):
     column = rng.normal(size=(12, 1))
     assert largest_scale(column.T @ column, 1e3 * column.T @ column[:, 0]) == pytest.approx(SCALES[-1])
     assert largest_scale(1e4 * column.T @ column, np.zeros(1)) < 0.5
 
 
 @pytest.mark.parametrize("size", [3, 100, 101, 160])
-def test_axes_of_small_and_of_large_matrices(rng, size):
+def test_eigenvectors_of_small_and_of_large_matrices(rng, size):
     stack = rng.normal(size=(2, size, size))
     matrices = stack + stack.swapaxes(1, 2)
     for one, values, axes in zip(matrices, *eigen(matrices), strict=True):
@@ -264,40 +264,40 @@ def test_axes_of_small_and_of_large_matrices(rng, size):
         np.testing.assert_allclose(values, eigen(one)[0], rtol=0, atol=lost)
 
 
-def test_no_column_is_worth_nothing():
+def test_no_column_has_zero_evidence():
     found = bayes_factor(np.zeros((0, 0)), np.zeros(0))
     assert (found.evidence, found.scale, found.peak) == (0.0, (1.0, 1.0), 0.0)
 
 
-def test_the_grid_of_scales_is_what_it_says():
-    """From a hundredth to ten times what is usual, and from a few hundredths of the prediction to all of it."""
+def test_the_grids_of_scales_have_the_stated_ends():
+    """From a hundredth to ten times the usual size; shaping from three hundredths of the prediction to all of it."""
     assert SCALES[[0, -1]] == pytest.approx([0.01, 10.0])
     np.testing.assert_allclose(np.diff(LOG_SCALES), np.log(1000.0) / 27, rtol=1e-9)
     assert SHAPINGS[[0, -1]] == pytest.approx([0.03, 1.0])
 
 
-def test_shaping_that_is_not_there_needs_no_unit(rng):
+def test_absent_shaping_needs_no_unit(rng):
     columns = rng.normal(size=(5, 2))
     assert shaping_unit(columns.T @ columns, np.array([True, True])) == 1.0
 
 
-def test_shaping_that_rounding_alone_is_left_of_needs_no_unit(rng):
-    """Its unit would make of the rounding as much as of the effect: by chance that explains anything."""
+def test_shaping_that_is_only_rounding_needs_no_unit(rng):
+    """Its unit would scale the rounding up to the size of the effect, and that explains anything by chance."""
     columns = rng.normal(size=(5, 3))
     columns[:, 1:] *= 1e-13
     assert shaping_unit(columns.T @ columns, np.array([True, False, False])) == 1.0
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_columns_alike_but_for_rounding_have_an_evidence(seed):
-    """Of five equal columns far above the noise four are rounding, of either sign: that is no variance."""
+def test_the_evidence_of_columns_equal_up_to_rounding_is_finite(seed):
+    """Of five equal columns far above the noise four directions are rounding, of either sign: that is no variance."""
     rng = np.random.default_rng(seed)
     columns, residual = 1e9 * rng.normal(size=(40, 1)) * rng.uniform(0.5, 2.0, 5), rng.normal(size=40)
     with np.errstate(invalid="raise"):
         assert np.isfinite(bayes_factor(columns.T @ columns, columns.T @ residual).evidence)
 
 
-def test_what_is_found_cannot_be_changed():
+def test_results_are_immutable():
     found = bayes_factor(np.eye(1), np.ones(1))
     for thing, name in ((found, "evidence"), (Gram(np.eye(1), np.ones(1), 1.0), "squared")):
         with pytest.raises(FrozenInstanceError):
@@ -306,15 +306,15 @@ def test_what_is_found_cannot_be_changed():
 
 @pytest.mark.parametrize("size", [1e3, 1e-3])
 @pytest.mark.parametrize("others", [1, 150])
-def test_a_column_of_which_only_round_off_is_left_explains_nothing(rng, size, others):
-    """What others explain all of is worth nothing beside them, whatever the residual shares with its round-off."""
+def test_a_column_reduced_to_round_off_explains_nothing(rng, size, others):
+    """Given others that explain all of it, it has no evidence, whatever the residual shares with its round-off."""
     columns, residual = size * rng.normal(size=(400, others)), 1e3 * rng.normal(size=400)
     double = np.hstack([columns, columns[:, :1]])
     beside = ConditionalGram(Gram.of([double], residual), np.arange(others), np.full(others, 1e9 / size))
     last = np.array([others])
     left = bayes_factor(beside.inner(last, last), beside.projected[last])
     assert left.evidence == pytest.approx(0.0, abs=1e-3)
-    # Twice the same column is one, larger by the root of two; the axis that is left is round-off.
+    # The same column twice is one, larger by √2; the remaining axis is round-off.
     inner, projected = double.T @ double, double.T @ residual
     once = np.hstack([np.sqrt(2.0) * columns[:, :1], columns[:, 1:]])
     expected = bayes_factor(once.T @ once, once.T @ residual).evidence
@@ -322,16 +322,16 @@ def test_a_column_of_which_only_round_off_is_left_explains_nothing(rng, size, ot
 
 
 @pytest.mark.parametrize(("place", "scale"), [(0, 10.0), (1, 20.0)])
-def test_the_bound_is_what_the_widest_scales_explain(place, scale):
-    """One column d with a projection p, of standard deviation w: p² w² / (1 + w² d) / 2; shaping in units of two."""
+def test_the_evidence_bound_is_what_the_widest_scales_explain(place, scale):
+    """One column of squared length d, projection p and deviation w: p² w² / (1 + w² d) / 2; shaping in units of two."""
     inner, projected = np.zeros((2, 2)), np.zeros(2)
     inner[place, place], projected[place] = 0.01, 3.0
     found = evidence_bound(inner, projected, np.array([True, False]), unit=2.0)
     assert found == pytest.approx(0.5 * 9.0 * scale**2 / (1.0 + 0.01 * scale**2), rel=1e-12)
 
 
-def test_columns_explain_nothing_by_what_is_left_where_they_cancel(rng):
-    """Their difference is a third column, ten million times smaller: it would have to be as many times as large."""
+def test_two_nearly_equal_columns_do_not_explain_by_their_difference(rng):
+    """Their difference is a third column, ten million times smaller: its coefficient would have to be as much larger."""
     one, other = rng.normal(size=(2, 40))
     columns = np.column_stack([one, one + 1e-7 * other])
     found = 2.0 * evidence_bound(columns.T @ columns, columns.T @ other)
@@ -339,6 +339,6 @@ def test_columns_explain_nothing_by_what_is_left_where_they_cancel(rng):
     assert found < 0.5 * other @ other
 
 
-def test_what_no_columns_can_have_for_inner_products_is_refused():
+def test_a_matrix_that_cannot_hold_inner_products_is_refused():
     with pytest.raises(np.linalg.LinAlgError, match="no inner products"):
         ConditionalGram(Gram(np.array([[-2.0]]), np.zeros(1), 1.0), np.arange(1), np.ones(1))

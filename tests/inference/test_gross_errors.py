@@ -13,12 +13,12 @@ COUNT, COMPONENTS, OFF = 120, 6, 20.0
 
 
 def of_all(left):
-    """Return what one fit leaves of all rows."""
+    """Return the residuals of all rows in one fit."""
     return [RowResiduals(left.ravel(), np.repeat(np.arange(COUNT), COMPONENTS), np.ones(COUNT, dtype=bool))]
 
 
 def found(wrong, places, rng, *, gone=0, noise=1.0, off=OFF):
-    """Return the rows that are left out of rows of noise, of which some are off."""
+    """Return the rows that are left out, given rows of noise of which some are off."""
     left = noise * rng.normal(size=(COUNT, COMPONENTS))
     left[wrong, 0] = off
     return gross_errors([of_all(left)], gone, places).tolist()
@@ -26,7 +26,7 @@ def found(wrong, places, rng, *, gone=0, noise=1.0, off=OFF):
 
 @pytest.fixture
 def places(rng):
-    """Return poses at random, and the order of the rows."""
+    """Return random poses, and the order of the rows."""
     return rng.uniform(size=(COUNT, 3)), np.arange(COUNT, dtype=float)[:, None]
 
 
@@ -40,17 +40,17 @@ def test_up_to_a_tenth_of_scattered_rows_are_left_out(rng, places):
 @pytest.mark.parametrize(
     ("noise", "off", "wrong"), [(0.2, 6.0, []), (0.2, 7.0, [7]), (3.0, 15.0, []), (3.0, 30.0, [7])]
 )
-def test_rows_count_by_the_noise_or_by_what_nine_tenths_stay_below_where_that_is_more(places, rng, noise, off, wrong):
-    """What is left of the others may be calmer than the noise, as far as they are few, or something unknown."""
+def test_rows_are_judged_by_the_noise_or_the_90_percent_quantile_where_that_is_larger(places, rng, noise, off, wrong):
+    """Other residuals may be smaller than the noise, as in few rows, or larger, as with something unknown."""
     assert found([7], places, rng, noise=noise, off=off) == wrong
 
 
-def test_what_is_unknown_in_the_place_held_out_says_nothing_of_the_fitted_rows(rng, places):
-    """A fit of all rows follows it and leaves more of a fitted row than a fit of the others does."""
+def test_an_unknown_error_of_the_held_out_region_does_not_accuse_fitted_rows(rng, places):
+    """A fit of all rows follows it and leaves a larger residual in a fitted row than a fit of the others does."""
     held_out, rows = np.arange(COUNT) >= 90, np.repeat(np.arange(COUNT), COMPONENTS)
     fit_of_all, alone = rng.normal(size=(2, COUNT, COMPONENTS))
     fit_of_all[held_out] *= 8.0
-    fit_of_all[7, 1], alone[7, 1] = 5.0 * OFF, 0.2 * OFF  # of which that counts which is alone
+    fit_of_all[7, 1], alone[7, 1] = 5.0 * OFF, 0.2 * OFF  # the one that counts is that of the fit without held-out rows
     fit_of_all[100, 2] = 2.0 * OFF
     fitted = rows < 90
     seen = [
@@ -65,7 +65,7 @@ def test_what_is_unknown_in_the_place_held_out_says_nothing_of_the_fitted_rows(r
     assert gross_errors([seen], 0, places).tolist() == [7, 100]
 
 
-def test_rows_that_lie_together_are_none_unless_they_are_few(rng, places):
+def test_neighbouring_rows_are_no_gross_errors_unless_they_are_few(rng, places):
     poses, order = places
     near = np.sort(np.argsort(np.linalg.norm(poses - poses[0], axis=1))[:9])
     for together in (near, np.arange(40, 49)):
@@ -73,8 +73,8 @@ def test_rows_that_lie_together_are_none_unless_they_are_few(rng, places):
         assert found(together[:4], (poses, order), rng) == together[:4].tolist()
 
 
-def test_a_few_that_hide_in_the_tails_of_causes_not_found_stand_out_of_the_better_half(places):
-    """Of a fifth of the rows causes do much more."""
+def test_a_few_hidden_in_the_tails_of_causes_not_found_stand_out_of_the_better_half(places):
+    """In a fifth of the rows causes do much more."""
     left = np.tile([3.0, -3.0], (COUNT, COMPONENTS // 2))
     left[::5] *= 3.5
     left[[7, 61], 1] = 21.0
@@ -82,22 +82,22 @@ def test_a_few_that_hide_in_the_tails_of_causes_not_found_stand_out_of_the_bette
     assert gross_errors([of_all(left)], 0, places, HALF).tolist() == [7, 61]
 
 
-def test_that_rows_lie_together_by_chance_has_its_binomial_probability():
-    """Gaps grow, so that each row's nearest neighbour is the one before it."""
+def test_the_probability_that_rows_lie_together_by_chance_is_binomial():
+    """The gaps grow, so each row's nearest neighbour is the one before it."""
     growing, wrong = 1.1 ** np.arange(50)[:, None], np.array([3, 4, 20, 31])
     assert _together(wrong, growing) == pytest.approx(binom.sf(0, 4, 3 / 49), rel=1e-12)
     assert _together(np.array([3, 20, 31]), growing) == 1.0
 
 
 @pytest.mark.parametrize("which", [0, 1])
-def test_the_nearest_neighbour_of_a_row_is_another_one_where_poses_are_repeated(which):
-    """Of each pose, read twice, one reading is wrong: its nearest neighbour is the other, which is right."""
+def test_the_nearest_neighbour_of_a_row_is_another_row_where_poses_are_repeated(which):
+    """Each pose is read twice and one reading is wrong: its nearest neighbour is the other one, which is right."""
     repeated = np.repeat(np.arange(20.0), 2)[:, None]
     assert _together(np.arange(which, 40, 2), repeated) == 1.0
 
 
-def test_a_row_that_draws_the_answer_to_itself_is_looked_for_where_none_stands_out(rng, places):
-    """Rows that lie together in the one are no reason not to see a single one in the other."""
+def test_a_row_that_pulls_the_fit_is_looked_for_where_none_stands_out(rng, places):
+    """Rows that lie together in one set of residuals must not hide a single row in the other."""
     left, deleted = rng.normal(size=(2, COUNT, COMPONENTS))
     deleted[40:49, 2] += OFF
 
@@ -117,8 +117,8 @@ FEW_ROWS, FEW_COMPONENTS = 9, 3
 
 @pytest.mark.parametrize("wrong", [(), (4,), (2, 7), (1, 4, 7)])
 @pytest.mark.parametrize("at_work", [False, True])
-def test_of_few_rows_one_that_effects_take_up_is_told_beside_what_is_at_work(rng, wrong, at_work):
-    """Eight effects of up to four parameters make nearly anything of nine rows; of more than one none is known."""
+def test_in_few_rows_a_wrong_one_that_effects_absorb_is_found_with_or_without_a_cause(rng, wrong, at_work):
+    """Eight effects of up to four parameters fit nearly anything in nine rows; of several wrong rows none is named."""
     rows = np.repeat(np.arange(FEW_ROWS), FEW_COMPONENTS)
     items = library(rng, rows.size)
     residual = planted(rng, [items[2]], [8.0]) if at_work else rng.normal(size=rows.size)

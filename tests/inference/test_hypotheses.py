@@ -28,7 +28,7 @@ def small(rng):
 
 
 def scaled(hypothesis):
-    """Return the columns of everything fitted times the standard deviations of their coefficients, by group."""
+    """Return the columns of everything fitted, by group, times the standard deviations of their coefficients."""
     return [own.columns * weights for own, weights in zip(hypothesis.fitted, hypothesis.weights(), strict=True)]
 
 
@@ -47,7 +47,7 @@ def test_evidence_of_one_item_is_the_density_averaged_over_scales(rng):
     assert settled.scales[0].main == pytest.approx(np.exp(LOG_SCALES[int(np.argmax(values))]))
 
 
-def test_candidates_come_best_first_and_no_more_are_weighed_than_asked_for(rng):
+def test_candidates_come_best_first_and_no_more_are_evaluated_than_asked_for(rng):
     items = library(rng)
     hypothesis = Hypothesis.nothing(problem(planted(rng, items[4:5], [3.0]), items))
     best = next(iter(hypothesis.ranked(items)))
@@ -61,7 +61,7 @@ def test_candidates_come_best_first_and_no_more_are_weighed_than_asked_for(rng):
 
 @pytest.mark.parametrize("sizes", [(2.0, 2.0), (5.0, 1.0), (1.0, 0.5)])
 def test_evidence_of_two_items_is_near_the_double_average(rng, sizes):
-    """One scale at a time is averaged, the other at its most probable; the double average is by brute force."""
+    """The scales are averaged one at a time, the other at its most probable; the double average is by brute force."""
     items = [explanation("a", rng.normal(size=(20, 2))), explanation("b", rng.normal(size=(20, 2)))]
     residual = planted(rng, items, sizes)
     grid = np.exp(LOG_SCALES)
@@ -80,7 +80,7 @@ def test_order_of_items_does_not_matter(rng):
 
 
 def test_parts_are_the_conditional_mean(small):
-    """Of jointly Gaussian part and residual, mean of the part given the residual: its covariance times C⁻¹ r."""
+    """Jointly Gaussian part and residual r: the mean of the part given r is its covariance times C⁻¹ r."""
     pull = np.linalg.solve(covariance(small), small.problem.residual)
     for index, item in enumerate(small.items):
         own = small.scales[index].main ** 2 * item.columns @ item.columns.T
@@ -92,7 +92,7 @@ def test_parts_are_the_conditional_mean(small):
     assert small.workmanship_squared_size == pytest.approx(((usual @ usual.T @ pull) ** 2).sum())
 
 
-def test_parts_and_what_is_left_make_the_residual(small):
+def test_parts_and_the_remaining_residual_add_up_to_the_residual(small):
     total = small.part(0) + small.part(1) + small.workmanship_part(0)
     np.testing.assert_allclose(
         small.problem.residual - total, np.linalg.solve(covariance(small), small.problem.residual), atol=1e-12
@@ -118,7 +118,7 @@ def test_misfit_and_spent_are_those_of_the_covariance(small):
     np.testing.assert_allclose(small.freedom, np.diag(inverse), rtol=1e-12)
 
 
-def test_misfit_is_the_number_of_rows_where_the_hypothesis_is_true(rng):
+def test_the_expected_misfit_of_a_true_hypothesis_is_the_number_of_rows(rng):
     item = explanation("a", rng.normal(size=(40, 3)))
     found = []
     for _ in range(200):
@@ -127,8 +127,8 @@ def test_misfit_is_the_number_of_rows_where_the_hypothesis_is_true(rng):
     assert np.mean(found) == pytest.approx(40.0, abs=4.0 * np.sqrt(2.0 * 40.0 / 200.0))
 
 
-def test_what_other_columns_could_make_is_least_squares_with_coefficients_of_the_widest_scale(small, rng):
-    """Of columns of any length, one of them nothing and two of them the same."""
+def test_what_other_columns_explain_is_regularised_least_squares_at_the_widest_scale(small, rng):
+    """With columns of any length, one of them zero and two of them equal."""
     columns = rng.normal(size=(12, 3)) @ np.diag([1e-5, 1.0, 1e5])
     columns = np.hstack([columns, columns[:, :1], np.zeros((12, 1))])
     other = Explanation("other", "plain", columns, np.array([True, True, False, True, True]))
@@ -140,7 +140,7 @@ def test_what_other_columns_could_make_is_least_squares_with_coefficients_of_the
     assert seen.explained_by(other, (0, 1)) == pytest.approx(part @ part - left @ left, rel=1e-9)
 
 
-def test_main_share_tells_an_effect_from_its_shape(rng):
+def test_main_share_distinguishes_an_effect_from_its_shape(rng):
     columns = rng.normal(size=(60, 3))
     item = Explanation("a", "shaped", columns, np.array([True, False, False]))
     shares = []
@@ -152,8 +152,8 @@ def test_main_share_tells_an_effect_from_its_shape(rng):
 
 
 @pytest.mark.parametrize(("truth", "share"), [([3.0, 2.0], 1.0), ([-3.0, 2.0], 0.3), ([-3.0, -2.0], 0.0)])
-def test_what_nature_does_not_allow_is_no_share(rng, truth, share):
-    """Two coefficients that cannot be negative: what a wrong sign makes is not made by the effect."""
+def test_coefficients_outside_their_bounds_have_no_share(rng, truth, share):
+    """Two coefficients that cannot be negative: a part with a wrong sign is not made by the effect."""
     columns, _ = np.linalg.qr(rng.normal(size=(60, 2)))
     columns *= 20.0
     bounds = np.array([[0.0, np.inf], [0.0, np.inf]])
@@ -166,8 +166,8 @@ def test_what_nature_does_not_allow_is_no_share(rng, truth, share):
     assert (alone.effects, impossible_effects(alone, Thresholds())) == ((("a",), ()) if share > 0.5 else ((), ("a",)))
 
 
-def test_a_form_that_nature_does_not_allow_bars_no_other_that_it_does(rng):
-    """What shapes the one, whose main parameter would be negative, is the main parameter of the other, beside more."""
+def test_a_form_outside_its_bounds_does_not_bar_another_form_within_its_bounds(rng):
+    """The shape of one form, whose main parameter would be negative, is among the main parameters of the other."""
     true, aside, *more = 20.0 * np.linalg.qr(rng.normal(size=(60, 6)))[0].T
     bent = np.column_stack([-0.7 * true - 0.7 * aside, true])
     items = [
@@ -182,7 +182,7 @@ def test_a_form_that_nature_does_not_allow_bars_no_other_that_it_does(rng):
 
 
 def test_settling_finds_the_best_scales_and_levels(rng):
-    """No neighbour of a settled hypothesis is more probable at the scales it has."""
+    """No neighbour of a settled hypothesis on the grids of scales and levels is more probable."""
     items = library(rng)[:4:2]
     workmanship = (Workmanship("small", 64.0 * rng.normal(size=(60, 8))),)
     residual = planted(rng, items, [2.0, 3.0]) + workmanship[0].columns @ rng.normal(size=8) / 64.0
@@ -202,7 +202,7 @@ def test_settling_finds_the_best_scales_and_levels(rng):
         assert density([scale.main for scale in settled.scales], level) <= here + 1e-9
 
 
-def test_workmanship_is_seen_only_where_there_is_any(rng):
+def test_workmanship_is_found_only_where_there_is_any(rng):
     workmanship = (
         Workmanship("there", 64.0 * rng.normal(size=(60, 8))),
         Workmanship("not there", 64.0 * rng.normal(size=(60, 8))),
@@ -216,8 +216,8 @@ def test_workmanship_is_seen_only_where_there_is_any(rng):
 @pytest.mark.parametrize(
     ("most", "coarsest"), [(1 / 64, 1 / 64), (0.9 / 64, 1 / 64), (1.1 / 64, 1 / 32), (1e-4, 1 / 512)]
 )
-def test_workmanship_is_no_coarser_than_what_is_known_of_it(rng, most, coarsest):
-    """Errors of an eighth: all levels are tried up to the first that what is known does not exceed."""
+def test_workmanship_is_no_coarser_than_its_known_size(rng, most, coarsest):
+    """Errors of an eighth: levels are tried up to the first that is not below the known size."""
     columns = 64.0 * rng.normal(size=(60, 8))
     kinds = Workmanship("known", columns, most), Workmanship("not there", 64.0 * rng.normal(size=(60, 8)))
     residual = rng.normal(size=60) + columns @ rng.normal(size=8) / 8.0
@@ -227,10 +227,10 @@ def test_workmanship_is_no_coarser_than_what_is_known_of_it(rng, most, coarsest)
     free = Hypothesis.nothing(problem(residual, [], (Workmanship("free", columns), kinds[1])))
     assert WORKMANSHIP_LEVELS[free.levels[0]] >= 1 / 16
     assert free.coarsely_made
-    assert np.ptp(free.levels) == 1  # a machine is made with one care, whatever kind of its errors shows
+    assert np.ptp(free.levels) == 1  # all kinds of errors of a machine are of about the same level
 
 
-def test_of_a_machine_known_to_be_finer_than_usual_the_coarsest_level_is_the_likely_one():
+def test_on_a_machine_known_to_be_finer_than_usual_the_coarsest_level_is_the_most_probable():
     likely, finer = (log_prior_of_levels((level,), (2,)) for level in (2, 1))
     assert likely == 0.0 > finer
 
@@ -247,8 +247,8 @@ def test_changing_items(rng):
     assert nothing.with_item(items[0], Scale(1.0)).log_evidence - nothing.log_evidence == pytest.approx(worth, abs=1e-9)
 
 
-def test_what_items_are_worth_together(rng):
-    """All items are worth what the hypothesis is better than nothing; one item alone what its gain is."""
+def test_the_evidence_of_several_items_together(rng):
+    """All items have the evidence of the hypothesis against the empty one; one item alone has its gain."""
     items = library(rng)[:6:2]
     built = problem(planted(rng, items[:2], [3.0, 2.0]), items)
     nothing = Hypothesis.nothing(built)
@@ -274,15 +274,15 @@ def test_only_some_kinds_of_workmanship(rng):
     assert alone.levels[1] == int(np.argmax(densities))
 
 
-def test_what_is_no_cause_is_not_among_the_causes(rng):
+def test_items_that_are_no_causes_are_not_among_the_causes(rng):
     items = (explanation("a", rng.normal(size=(20, 1))), explanation("b", rng.normal(size=(20, 1)), cause=False))
     hypothesis = Hypothesis(problem(rng.normal(size=20), items), items, (Scale(1.0), Scale(1.0)), ())
     assert [item.effect for item in hypothesis.items if item.cause] == ["a"]
     assert hypothesis.effects == ("a", "b")
 
 
-def test_a_column_that_the_free_unknowns_all_but_take_up_stands_for_nothing_else(rng):
-    """A millionth is left of it, and that looks like the effect: ten times what is usual makes a hundredth of noise."""
+def test_a_column_that_free_unknowns_almost_absorb_explains_nothing_of_another_effect(rng):
+    """A millionth of it remains and resembles the effect: ten times the usual size makes a hundredth of the noise."""
     size = 1e3
     free, course = np.linalg.qr(rng.normal(size=(40, 2)))[0].T
     zeros = size * (free + 1e-6 * course)
@@ -294,8 +294,8 @@ def test_a_column_that_the_free_unknowns_all_but_take_up_stands_for_nothing_else
     assert named.explained_by(zero, (0,)) < 1.0
 
 
-def test_an_equation_is_judged_by_what_the_others_foretell_of_it(rng):
-    """Against the conditional mean and variance of a Gaussian; one that alone tells of a free unknown is not judged."""
+def test_an_equation_is_judged_by_what_the_others_predict_for_it(rng):
+    """Against a Gaussian's conditional mean and variance; an equation that alone shows a free unknown is not judged."""
     free = np.column_stack([np.ones(12), np.eye(12)[0]])
     items = [explanation("a", rng.normal(size=(12, 2))), explanation("b", rng.normal(size=(12, 1)))]
     built = problem(2.0 * rng.normal(size=12), items, free=free)

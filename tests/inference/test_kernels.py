@@ -17,7 +17,7 @@ def of_mean_one(matrix):
 def test_smooth_is_a_squared_exponential(rng):
     values = rng.normal(size=50)
     expected = np.exp(-0.5 * ((values[:, None] - values) / 0.7) ** 2)
-    # Directions below a thousandth of the largest are left out: the trace of the rest is what remains of 1.
+    # Directions below a thousandth of the largest are left out: the trace of the rest is what is missing of 1.
     np.testing.assert_allclose(kernel(smooth(values, 0.7)), expected, atol=0.03)
 
 
@@ -29,7 +29,7 @@ def test_smooth_in_several_dimensions_has_a_length_for_each(rng):
 
 
 def test_wandering_is_a_walk_without_its_mean(rng):
-    """Against walks that are made step by step at the given places."""
+    """Against simulated random walks at the given places."""
     place = np.sort(rng.uniform(0.0, 5.0, size=30))
     steps = rng.normal(size=(20000, 30)) * np.sqrt(np.diff(place, prepend=place[0]))
     walks = np.cumsum(steps, axis=1)
@@ -45,8 +45,8 @@ def test_wandering_is_the_centred_minimum_of_two_times():
     np.testing.assert_allclose(kernel(wandering(3.0 + 60.0 * place)), expected, atol=1e-9)
 
 
-def test_any_wave_that_comes_again_is_one_of_those_tried(rng):
-    """Of one as far as can be from all that are tried a hundredth of the square is left, and its period is told."""
+def test_any_periodic_wave_is_covered_by_those_tried(rng):
+    """For the wave farthest from all that are tried a hundredth of the square remains, and its period is found."""
     values = np.sort(rng.uniform(0.0, 60.0, 200))
     waves = cycling(values)
     assert {columns.shape for columns in waves.values()} == {(200, 4)}
@@ -59,18 +59,18 @@ def test_any_wave_that_comes_again_is_one_of_those_tried(rng):
     assert min(left.values()) < 0.012
 
 
-def test_too_few_rows_show_no_wave():
+def test_too_few_rows_have_no_wave():
     assert not cycling(np.arange(8.0))
     assert not cycling(np.full(60, 3.0))
     assert len(cycling(np.arange(10.0))) == 1
 
 
-def test_no_wave_is_tried_that_no_rows_saw_turn():
-    """An hour on each of four days: of what differs between the days any wave would say that it comes and goes."""
+def test_no_wave_is_tried_of_which_rows_cover_too_little_of_a_period():
+    """One hour on each of four days: any wave could explain what differs between the days."""
     hours = np.concatenate([24.0 * day + np.linspace(0.0, 1.0, 30) for day in range(4)])
     assert all(most <= 4.0 for _, most in cycling(hours))
     spread_out = np.concatenate([24.0 * day + np.linspace(0.0, 9.0, 30) for day in range(4)])
-    assert any(least < 24.0 < most for least, most in cycling(spread_out))  # of what comes every day, every day is seen
+    assert any(least < 24.0 < most for least, most in cycling(spread_out))  # nine hours cover enough of a day
 
 
 def test_expected_square_is_one(rng):
@@ -86,7 +86,7 @@ def test_expected_square_is_one(rng):
         assert (columns**2).sum() / 60 == pytest.approx(1.0)
 
 
-def test_no_more_columns_than_wanted_and_the_likely_first(rng):
+def test_no_more_columns_than_asked_for_and_the_most_probable_first(rng):
     values = rng.normal(size=60)
     columns = smooth(values, 0.05, most=9)
     assert columns.shape == (60, 9)

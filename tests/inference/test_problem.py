@@ -21,7 +21,7 @@ def parts(rng):
     return residual, free, workmanship, items
 
 
-def test_free_unknowns_are_taken_out_of_everything(parts):
+def test_free_unknowns_are_projected_out_of_everything(parts):
     residual, free, workmanship, items = parts
     built = Problem.build(residual, free, workmanship, items)
     assert built.nuisance.axes.shape == (ROWS, 3)
@@ -33,7 +33,7 @@ def test_free_unknowns_are_taken_out_of_everything(parts):
     np.testing.assert_allclose(built.residual, left, atol=1e-9)
 
 
-def test_many_equations_are_looked_at_a_few_at_a_time(parts, monkeypatch):
+def test_many_equations_are_processed_in_blocks(parts, monkeypatch):
     whole = Problem.build(*parts)
     monkeypatch.setattr(evidence, "_EQUATIONS", 7)
     built = Problem.build(*parts)
@@ -49,7 +49,7 @@ def test_many_equations_are_looked_at_a_few_at_a_time(parts, monkeypatch):
     np.testing.assert_allclose(found.remainder, expected.remainder, atol=1e-9)
 
 
-def test_what_free_unknowns_do_cannot_be_seen(parts, rng):
+def test_an_effect_that_free_unknowns_absorb_cannot_be_detected(parts, rng):
     residual, free, workmanship, items = parts
     built = Problem.build(residual, free, workmanship, items)
     moved = Problem.build(
@@ -58,8 +58,8 @@ def test_what_free_unknowns_do_cannot_be_seen(parts, rng):
     np.testing.assert_allclose(moved.residual, built.residual, atol=1e-9)
 
 
-def test_free_unknowns_are_coefficients_of_boundless_prior(parts):
-    """Evidence beside free unknowns is that of densities in which they have a wide prior, whichever is compared."""
+def test_free_unknowns_are_coefficients_with_an_unbounded_prior(parts):
+    """Evidence given free unknowns is that of densities in which they have a wide prior, for any pair compared."""
     residual, free, _, items = parts
     wide = 1e4 * free / np.linalg.norm(free, axis=0)
     bare = Hypothesis.nothing(Problem.build(residual, free, (), items))
@@ -89,7 +89,7 @@ def test_forms_of_an_effect_share_its_probability(parts):
     assert len(more.gram.projected) == len(built.gram.projected) + more.explanations[-1].columns.shape[1]
 
 
-def test_an_effect_that_free_unknowns_absorb_is_worth_nothing(rng):
+def test_an_effect_that_free_unknowns_absorb_has_no_evidence(rng):
     free = rng.normal(size=(30, 2))
     hidden = explanation("hidden", free @ rng.normal(size=(2, 1)))
     residual = 20.0 * hidden.columns[:, 0] + rng.normal(size=30)

@@ -15,7 +15,7 @@ from tests.inference.problems import ROWS, explanation, library, planted, proble
 
 
 def test_nothing_is_found_on_noise():
-    """Not more often than is accepted: of 60 at most 3 where one in fifty is (a Poisson variable of mean 1.2)."""
+    """Not more often than accepted: at most 3 of 60 at a rate of one in fifty (a Poisson variable of mean 1.2)."""
     alarms = 0
     for seed in range(60):
         rng = np.random.default_rng(seed)
@@ -24,7 +24,7 @@ def test_nothing_is_found_on_noise():
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_what_was_planted_is_found_and_nothing_besides(count):
+def test_what_was_planted_is_found_and_nothing_else(count):
     right = 0
     for seed in range(20):
         rng = np.random.default_rng(1000 * count + seed)
@@ -35,8 +35,8 @@ def test_what_was_planted_is_found_and_nothing_besides(count):
     assert right >= 18
 
 
-def test_what_nature_does_not_allow_is_refused_in_all_its_forms_at_once(rng):
-    """Ten forms explain alike, with a sign that none may have: more than are refused one by one."""
+def test_an_effect_outside_its_bounds_is_refused_in_all_its_forms_at_once(rng):
+    """Ten forms explain equally well, with a sign that none may have: more than are refused one by one."""
     push, bounds = rng.normal(size=(ROWS, 1)), np.array([[0.0, np.inf]])
     forms = [explanation("rod", push, f"form {k}", bounds=bounds) for k in range(10)]
     found = search(problem(rng.normal(size=ROWS) - 5.0 * push[:, 0], forms))
@@ -44,7 +44,7 @@ def test_what_nature_does_not_allow_is_refused_in_all_its_forms_at_once(rng):
 
 
 @pytest.mark.parametrize(("constant", "count"), [("", 2), ("friction", 1)])
-def test_of_forms_that_are_values_of_one_constant_one_is_found(constant, count):
+def test_of_forms_that_are_values_of_one_constant_only_one_is_found(constant, count):
     rng = np.random.default_rng(3)
     items = [explanation("a", rng.normal(size=(ROWS, 1)), form, one_of=constant) for form in ("low", "high")]
     found = search(problem(planted(rng, items, [5.0, 8.0]), items))
@@ -62,8 +62,8 @@ def test_the_form_that_was_planted_is_found():
     assert right >= 18
 
 
-def test_two_single_parameters_of_many_are_found_behind_a_scale_of_all():
-    """All lengths of a chain, a scale of them all, and two that are wrong nearly in its proportion."""
+def test_two_single_parameters_of_many_are_distinguished_from_a_common_scale():
+    """All lengths of a chain, a common scale of them, and two wrong lengths nearly in its proportion."""
     right = 0
     for seed in range(20):
         rng = np.random.default_rng(seed)
@@ -74,7 +74,7 @@ def test_two_single_parameters_of_many_are_found_behind_a_scale_of_all():
         residual = rng.normal(size=ROWS) + 0.5 * lengths[:, :2].sum(axis=1)
         found = search(problem(residual, [*forms, scale]))
         right += {item.form for item in found.items} == {"0_alone", "1_alone"}
-    assert right >= 17  # and none where steps of one explanation are all there are
+    assert right >= 17  # and none where the search takes only steps of one explanation
 
 
 def test_a_small_cause_beats_a_large_one_that_fits_as_well():
@@ -89,7 +89,7 @@ def test_a_small_cause_beats_a_large_one_that_fits_as_well():
 
 
 def test_the_first_choice_is_reconsidered():
-    """A column between two true ones looks best at first; with both of them in it is not needed."""
+    """A column between two true ones looks best at first; once both are in it is not needed."""
     right = 0
     for seed in range(20):
         rng = np.random.default_rng(seed)
@@ -111,7 +111,7 @@ def test_workmanship_is_not_named(rng):
     assert found.levels[0] > 0
 
 
-def test_what_only_shapes_does_not_stand_alone(rng):
+def test_an_effect_that_only_shapes_another_does_not_stand_alone(rng):
     columns = rng.normal(size=(ROWS, 2))
     item = Explanation("shaped", "form", columns, np.array([True, False]))
     residual = 5.0 * columns[:, 1] + rng.normal(size=ROWS)
@@ -127,14 +127,14 @@ def test_two_forms_at_work_are_one_effect(rng):
     assert found.of_effect("same") == tuple(range(len(found.items)))
 
 
-def test_no_more_than_wanted_are_found(rng):
+def test_no_more_causes_than_asked_for_are_found(rng):
     items = library(rng)[::2]
     found = search(problem(planted(rng, items[:4], [5.0] * 4), items), Thresholds(most_effects=2))
     assert len(found.items) == 2
 
 
 def test_threshold_is_kept(rng):
-    """What is found is worth the threshold; a threshold above its worth leaves it out."""
+    """What is found reaches the threshold; a threshold above its evidence leaves it out."""
     items = library(rng)
     built = problem(planted(rng, items[:1], [0.6]), items[:1])
     worth = Hypothesis.nothing(built).candidate_bayes_factor(items[0]).evidence
@@ -168,20 +168,20 @@ def test_order_of_the_library_does_not_matter():
 
 
 def test_two_forms_of_one_name_are_refused(rng):
-    """They would share their columns: a form of a plug-in that is called as workmanship is."""
+    """They would share their columns: the case of a plug-in's form that has workmanship's name."""
     item = explanation("same", rng.normal(size=(ROWS, 1)), WORKMANSHIP_FORM)
     usual = Workmanship("same", rng.normal(size=(ROWS, 2)))
     with pytest.raises(BadInputError, match="effect 'same' has two forms 'background'"):
         search(problem(rng.normal(size=ROWS), [item], (usual,)))
 
 
-def test_a_cause_that_has_grown_beyond_the_gap_is_none(rng):
-    """The residual of a state whose changes were given back is as large as they are: the gap is not."""
+def test_a_cause_that_has_grown_beyond_the_gap_is_refused(rng):
+    """The residual of a state with its changes added back is as large as they are; the gap is not."""
     items = library(rng)
     built = problem(planted(rng, items[:1], [20.0]), items)
     start = search(built)
     assert start.effects == ("effect 0",)
-    for gap, kept in ((10.0, True), (5.0, False)):  # three times that are 30 and 15
+    for gap, kept in ((10.0, True), (5.0, False)):  # three times these are 30 and 15
         again = replace(built, given_squared=gap**2 * ROWS)
         for same in (again, again.under(2.0)):
             assert ("effect 0" in search(same, start=start.on(same)).effects) == kept
