@@ -10,13 +10,13 @@ from tests.diagnosis.hidden import HOT, NOTHING, campaign, stepped
 
 @pytest.fixture(scope="session")
 def diagnosed(tmp_path_factory):
-    """Return the diagnosis of a hidden campaign: what is hidden, and whether smaller causes are in the background."""
+    """Return the diagnosis of a hidden campaign: what is hidden, and whether small errors are in the background."""
 
     @functools.cache
     def of(wanted, background):
         return diagnose(campaign(tmp_path_factory.mktemp("hidden"), wanted, background=background))
 
-    return lambda wanted, background=False: of(wanted, background)  # how it is called makes no second diagnosis
+    return lambda wanted, background=False: of(wanted, background)  # the name makes no second diagnosis
 
 
 @pytest.fixture(scope="session")

@@ -37,7 +37,7 @@ def stepped(folder):
 
 
 def distances_of_an_arm(folder, effect, ratio=None):
-    """Return how far the tool of the example arm, with something hidden in it, is from a fixed point."""
+    """Return distances of the tool of the example arm, with something hidden in it, from a fixed point."""
     write(folder, MACHINES["arm"], 1, effect, ratio)
     seen = Campaign.read(folder / "campaign.csv", RobotDefinition.load(ROBOTS / "arm" / "robot.yaml"))
     metadata = CampaignMetadata(

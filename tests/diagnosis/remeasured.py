@@ -1,4 +1,4 @@
-"""A machine of the rig that is measured twice: badly at first, then as the diagnosis suggests."""
+"""A machine of the rig that is measured twice: first in poor conditions, then as the diagnosis suggests."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from tests.rig.rotations import from_vector, product, to_vector, turn
 
 SIGMA_M, SIGMA_RAD = 5e-5, 6e-5
 LARGEST = {"tilt_encoder_eccentricity": 40.0}
-"""Size of an effect beyond which it is not believed; 3 of its units where none is given."""
+"""Size beyond which an effect is not credible; 3 of its units where none is given."""
 
 
 class Machine:
-    """A machine with one effect, of a size against the noise, measured in a way that hides which one it is."""
+    """A machine with one effect of a given size in units of the noise, measured in a way that hides which one it is."""
 
     def __init__(self, effect: str, form: str, trap: str, ratio: float = 5.0, rows: int = 80, seed: int = 3) -> None:
         self.effect, self.form, self.seed, self.largest = effect, form, seed, LARGEST.get(effect, 3.0)
@@ -36,7 +36,7 @@ class Machine:
         self.size = self._size(ratio)
 
     def errors(self, scene: Scene, size: float) -> Errors:
-        """The same machine every time: what its form draws comes from the same seed."""
+        """The machine is the same every time: its form draws from the same seed."""
         return FORMS[self.effect][self.form](scene, np.random.default_rng([self.seed, 2])) * size
 
     def _size(self, ratio: float) -> float:
@@ -60,7 +60,7 @@ class Machine:
         return MeasuredCampaign.read(folder / "campaign.csv")
 
     def with_more(self, suggestions: Sequence[SuggestedMeasurement]) -> Scene:
-        """Return the scene with suggested measurements behind it."""
+        """Return the scene followed by the suggested measurements."""
         old = self.scene
         pose = np.array([(*m.pose.translation, pin.log3(m.pose.rotation)[1]) for m in suggestions])
         given = {name: np.array([m.conditions[name] for m in suggestions]) for name in suggestions[0].conditions}
@@ -90,7 +90,7 @@ class Machine:
 
 
 def _settled(scene: Scene) -> Scene:
-    """Return a scene with poses and forces that go with its drives and loads."""
+    """Return a scene whose poses and forces agree with its drives and loads."""
     near = (scene.position, scene.tilt)
     poses = close(scene.drives[:, :3], scene.drives[:, 3], Errors.none(len(scene)), near)
     force = (TARE_KG + scene.payload_kg) * GRAVITY

@@ -32,7 +32,7 @@ def test_it_reproduces_the_residuals_of_all_rows_after_a_round_trip(case):
     rows = CampaignRows(found.campaign.subset(found.inliers), model, found.noise)
     again, after = rows.linearise(rows.unchanged(), found.after.frames), found.after.every_row
     np.testing.assert_array_equal(again.row, after.row)
-    # 1e-6 m: placements are composed, where the diagnosis adds up twists.
+    # 1e-6 m: the model composes placements, where the diagnosis adds twists.
     np.testing.assert_allclose(again.residual * again.sigma, after.residual * after.sigma, rtol=0.0, atol=1e-6)
 
 
@@ -45,7 +45,7 @@ def test_nothing_is_missing_in_it(case):
     assert again.train.position("before") < 1.2 * floor
 
 
-def test_a_minor_drift_is_of_these_rows_and_not_of_the_robot(tmp_path, monkeypatch):
+def test_a_minor_drift_belongs_to_these_rows_and_not_to_the_robot(tmp_path, monkeypatch):
     """Another campaign has another drift: it is no cause here, so the model is fitted again without it."""
     data = campaign(tmp_path, (Wanted("drive_scale", 8.0, "a"), Wanted("base_drift", 3.0, "a")), kind="pair", seed=7)
     most = partial(Thresholds, minor_share=0.9, minor_evidence=np.inf)
@@ -72,7 +72,7 @@ def test_every_parameter_stands_in_the_stack_with_value_and_unit(case):
             assert entry.std == pytest.approx(p.std, rel=1e-3)
 
 
-def test_what_stands_still_is_placed_and_the_rest_is_not(case):
+def test_constant_displacements_become_placements_and_others_do_not(case):
     _, model, _ = case
     for entry in model.effects:
         assert entry.placed == (entry.effect in {"joint_centre_offset", "joint_axis_tilt", "drive_zero_offset"})
@@ -90,7 +90,7 @@ def test_an_offset_found_is_an_offset_of_the_drive(diagnosed):
     assert found and found == pytest.approx({name: values[name] for name in joints if name in values}, abs=1e-3)
 
 
-def test_other_commands_say_what_they_leave_out(case, capsys):
+def test_other_commands_report_what_they_leave_out(case, capsys):
     _, model, file = case
     stays = {e.effect for e in model.effects if not e.placed}
     assert main(["robots", "--model", str(file)]) == 0
@@ -99,7 +99,7 @@ def test_other_commands_say_what_they_leave_out(case, capsys):
     assert ("does not apply" in said) == bool(stays)
 
 
-def test_a_second_effect_comes_on_top_of_the_first(diagnosed):
+def test_a_second_effect_is_added_to_the_first(diagnosed):
     found = diagnosed(CENTRES_AND_LOAD)
     data, whole = found.campaign, amended(found)
     kept = [entry for entry in whole.effects if entry.effect != "leg_compliance"]
@@ -121,6 +121,6 @@ def test_a_second_effect_comes_on_top_of_the_first(diagnosed):
         ({"leg1_s1.tx": np.zeros(3)}, True),
     ],
 )
-def test_what_stands_still(changes, still):
+def test_which_displacements_are_constant(changes, still):
     parameter = EffectParameter("p", "mm", 1.0, changes)
     assert stands_still(parameter, ("drive.leg1_s3", "leg1_s1.tx")) == still

@@ -25,7 +25,7 @@ SIDES = tuple(f"approach_q{k}" for k in range(1, 5))
 
 @pytest.fixture(scope="module", params=CASES)
 def case(request, diagnosed, tmp_path_factory):
-    """A campaign of the independent machine, what was found in it, its model file, and its poses as a table."""
+    """A campaign of the independent machine, the diagnosis of it, its model file, and its poses as a table."""
     folder = tmp_path_factory.mktemp(request.param)
     found = diagnosed(CASES[request.param])
     assert {named.cause.effect for named in found.effects} == {CASES[request.param][0].effect}
@@ -39,20 +39,20 @@ def case(request, diagnosed, tmp_path_factory):
 
 
 def _poses(data):
-    """Return what a user would have asked for, (n, 4): where the drawing stands at the drives."""
+    """Return the poses a user would have commanded, (n, 4): those of the drawing at the drive positions."""
     drawing = data.robot.drawing()
     found = [drawing.forward(data.drive_values(row)) for row in range(len(data))]
     return np.array([pose.values for pose in found])
 
 
 def _seen(found, poses):
-    """Return where the tracker sees the target by poses of the moving platform, (n, 3) in m, in the frames found."""
+    """Return the target's positions seen by the tracker, (n, 3) in m, from platform poses, with the frames found."""
     shift, turn = (np.array([one[key] for one in poses]) for key in ("translation", "rotation"))
     return found.after.frames.seen(PoseStack(shift, turn)).position_m
 
 
 def _poses_of(printed):
-    """Return the poses of the moving platform by the JSON of ``path``."""
+    """Return the poses of the moving platform from the JSON of ``path``."""
     found = []
     for one in json.loads(printed)["poses"]:
         frame = one["frames"]["moving_platform"]
@@ -63,7 +63,7 @@ def _poses_of(printed):
 
 
 def test_a_path_predicts_what_was_measured_as_well_as_the_diagnosis(case, capsys):
-    """Its residuals are the diagnosis's own to 1e-6 m, a fiftieth of the noise: placements are composed exactly."""
+    """Its residuals are those of the diagnosis to 1e-6 m, a fiftieth of the noise: placements are composed exactly."""
     found, file, poses = case
     assert main(["path", str(poses), "--model", str(file), "--json"]) == 0
     seen = _seen(found, _poses_of(capsys.readouterr().out))
@@ -76,8 +76,8 @@ def test_a_path_predicts_what_was_measured_as_well_as_the_diagnosis(case, capsys
     assert np.sqrt(np.mean(left**2)) < 1.2 * floor < found.held_out.position("before") / 2.0
 
 
-def test_compensated_commands_bring_it_where_it_is_wanted(case, tmp_path, capsys):
-    """Ten poses; commanded by the pose that a controller of the drawing understands, ``path`` finds it there."""
+def test_compensated_commands_reach_the_wanted_poses(case, tmp_path, capsys):
+    """Ten poses; commanded with the pose that a controller with the drawing understands, ``path`` finds it there."""
     _, file, poses = case
     head, *lines = poses.read_text().splitlines()
     some = [line.split(",") for line in lines[5:15]]
@@ -98,7 +98,7 @@ def test_compensated_commands_bring_it_where_it_is_wanted(case, tmp_path, capsys
     assert max(float(command["before_mm"]) for command in commands) > 0.1
 
 
-def test_a_condition_that_is_not_given_ends_in_one_line(case, capsys):
+def test_a_missing_condition_is_reported_in_one_line(case, capsys):
     _, file, poses = case
     bare = poses.with_name("bare.csv")
     bare.write_text("\n".join(",".join(line.split(",")[:4]) for line in poses.read_text().splitlines()) + "\n")
@@ -116,7 +116,7 @@ def test_an_option_that_takes_one_robot_for_all_poses_is_refused(case, capsys):
         assert "--at-once uses the same robot at every pose" in capsys.readouterr().err
 
 
-def test_a_condition_may_stand_in_one_place_only(case, capsys):
+def test_a_condition_must_be_given_in_one_place_only(case, capsys):
     _, file, poses = case
     assert main(["path", str(poses), "--model", str(file), "--condition", "time_s=3"]) == 2
     assert "'time_s' is given by --condition and by a column; keep one" in capsys.readouterr().err
@@ -127,7 +127,7 @@ def test_a_condition_may_stand_in_one_place_only(case, capsys):
 
 
 def test_a_virtual_tracker_measures_it_under_the_conditions_of_its_plan(case, tmp_path):
-    """Measured by the same robot without noise, seen from the same frames: what ``path`` predicts."""
+    """Measured on the same robot without noise, in the same frames: the result is what ``path`` predicts."""
     _, file, _ = case
     robot = robot_of(RobotModel.load(file))
     plan = random_plan(robot, 8, 1)
@@ -158,7 +158,7 @@ BY_AIR = f"{SCALE}, scale_by_air: {{value: 20.0, unit: 1e-6/K}}"
 
 @pytest.mark.parametrize(("form", "parameters", "by_air"), [("constant", SCALE, 0.0), ("air", BY_AIR, 20.0)])
 def test_a_virtual_tracker_has_the_scale_of_its_model(tmp_path, capsys, form, parameters, by_air):
-    """It counts from the tracker's own origin, here the fixed platform's: in proportion to the place itself."""
+    """It acts from the tracker's own origin, here that of the fixed platform: in proportion to the position itself."""
     (tmp_path / "scaled.yaml").write_text(SCALED.format(form, parameters), encoding="utf-8")
     (tmp_path / "true.yaml").write_text("format: pouring_robot/model/1\nlayout: paper\n", encoding="utf-8")
     exact = ["--noise-mm", "0", "--noise-mrad", "0", "--tracker-frame", *"000000", "--target-frame", *"000000"]

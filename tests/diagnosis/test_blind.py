@@ -37,7 +37,7 @@ def tried(kind, seed, *wanted, exclude=False, **options):
 
 
 @pytest.mark.parametrize("far", [False, True])
-def test_nothing_wrong_and_no_gap_is_seen(far):
+def test_with_nothing_wrong_no_gap_is_reported(far):
     trial = tried("null", 1, far_tracker=far)[0]
     assert (trial.verdict, trial.said) == ("no_gap", ())
     assert trial.worse < 0.01
@@ -48,13 +48,13 @@ def test_a_strong_effect_is_named_and_the_gap_closed(effect):
     trial = tried("single", 2, (effect, 8.0, STRONG[effect]), background=effect != "joint_centre_offset")[0]
     assert trial.exact, trial.line()
     before, after, floor = trial.gap
-    assert after < 1.5 * floor < before  # 16 rows, by errors found in 64
+    assert after < 1.5 * floor < before  # 16 rows, with errors found in 64
     assert trial.closed > 0.9
 
 
 @pytest.mark.parametrize("effect", ["base_drift", "tilt_drive_compliance", "metrology_scale"])
-def test_coarse_workmanship_is_not_named_beside_a_cause(effect):
-    """Every joint is off by a tenth of a millimetre: so are those of a machine that nobody made with care."""
+def test_coarse_workmanship_is_not_named_where_there_is_a_cause(effect):
+    """Every joint is off by a tenth of a millimetre, as on any machine made without care."""
     trial = tried("single", 7, (effect, 8.0, "a"), background=True, workmanship=8.0)[0]
     assert trial.in_group, trial.line()
 
@@ -66,8 +66,8 @@ def test_two_effects_are_both_named():
     assert all(abs(e.z) < 4.0 for e in trial.estimates), trial.estimates
 
 
-def test_steps_do_not_lead_back_and_forth():
-    """Yokes turned so far that each whole step leads past where the robot is; so it was believed to be unknown."""
+def test_steps_of_the_linearisation_do_not_oscillate():
+    """Yokes turned so far that each whole step overshoots the robot; the verdict was unknown for that reason."""
     trial = rig_trials(case(68, 205, False, True), "back and forth", exclude=False)[0]
     assert trial.exact, trial.line()
 
@@ -75,20 +75,20 @@ def test_steps_do_not_lead_back_and_forth():
 @pytest.mark.parametrize(
     ("seed", "effect"), [(6, ("x_sudden_knock", 5.0, "a")), (4, ("x_tracker_drift_nonlinear", 7.0, "b"))]
 )
-def test_what_is_in_nobodys_library_is_unknown(seed, effect):
+def test_an_effect_outside_the_library_is_unknown(seed, effect):
     trial = tried("outside", seed, effect, rows=60)[0]
     assert trial.verdict == "unknown", trial.line()
     assert trial.reasons
 
 
-def test_without_its_true_effect_the_library_names_no_neighbour():
+def test_without_its_true_effect_the_library_names_no_similar_one():
     whole, without = tried("single", 5, ("truss_deflection", 8.0, "a"), exclude=True)
     assert whole.named == {"truss_deflection"}
     assert without.excluded == "truss_deflection"
     assert without.verdict == "unknown", without.line()
 
 
-def test_effects_that_coincide_are_a_group():
+def test_indistinguishable_effects_are_a_group():
     trial = tried("confounded", 6, ("truss_deflection", 5.0, "a"), trap="slow_travel")[0]
     assert trial.grouped, trial.line()
     assert "base_drift" in trial.said[0].choices
@@ -122,7 +122,7 @@ def figure(trials, name):
     return next(f for f in figures(trials) if f.name == name)
 
 
-def test_rates_count_what_they_say_with_wilson_intervals():
+def test_rates_have_the_stated_numerators_and_wilson_intervals():
     right = made("single", ["base_drift"], "named", ["base_drift"])
     more = made("single", ["base_drift"], "named", ["base_drift", "drive_scale"])
     unknown = made("single", ["base_drift"], "unknown", ["base_drift"])
@@ -160,7 +160,7 @@ def test_each_kind_counts_in_its_own_row():
     assert counts["single < 1x: named or in its group"] == "0 of 1"
 
 
-def test_the_size_of_what_is_unknown_is_held_against_the_truth():
+def test_the_size_of_the_unknown_is_compared_with_the_truth():
     strangers = [made("outside", ["x_refraction"], "unknown", [], ratio=ratio) for ratio in (4.0, 4.0, 8.0)]
     left_out = made("single", ["drive_scale"], "unknown", [], excluded="drive_scale", ratio=4.0)
     said = [
@@ -169,7 +169,7 @@ def test_the_size_of_what_is_unknown_is_held_against_the_truth():
     median, within = (
         figure(said, name) for name in ("what is unknown: size said over true, median", "  within a half and twice")
     )
-    assert median.value == pytest.approx(0.5)  # of 0.5, 1.2 and 0.1; of one nothing was said
+    assert median.value == pytest.approx(0.5)  # of 0.5, 1.2 and 0.1; for one no size was reported
     assert within.counts == "2 of 3"
 
 
@@ -187,7 +187,7 @@ def test_confusion_puts_false_effects_into_their_columns():
     assert matrix["(null)"] == {"nothing": 1}
 
 
-def test_shares_are_counted_by_ranges_of_what_was_stated_and_of_size():
+def test_shares_are_counted_by_ranges_of_stated_probability_and_of_size():
     said = [made("single", ["base_drift"], "named", [name]) for name in ("base_drift", "base_drift", "drive_scale")]
     stated = {(s.low_end, s.high_end): s for s in reliability(said)}
     assert (stated[0.5, 0.9].good, stated[0.5, 0.9].total, stated[0.5, 0.9].mean) == (2, 3, pytest.approx(0.9))
@@ -205,7 +205,7 @@ def test_shares_are_counted_by_ranges_of_what_was_stated_and_of_size():
     assert empty.cells() == ("8 to inf", "0", "-", "-", "-")
 
 
-def test_records_come_back_whole(tmp_path, capsys):
+def test_records_survive_a_round_trip(tmp_path, capsys):
     trial = made("single", ["base_drift"], "group", ["base_drift"], alternatives=["truss_deflection"])
     trial = replace(trial, unknown_size=0.5, estimates=(Estimate("base_drift", "tx", "mm", 1.0, 0.1, 1.1),))
     assert Trial.from_dict(trial.as_dict()) == trial
@@ -219,7 +219,7 @@ def test_records_come_back_whole(tmp_path, capsys):
         assert np.ptp(np.asarray(drawn)) > 0
 
 
-def test_true_values_of_the_rig_say_what_the_machine_does():
+def test_true_values_of_the_rig_are_what_the_machine_does():
     campaign = make_campaign("single", 12, wanted=(Wanted("drive_zero_offset", 6.0, "a"),), rows=40, spoilt=False)
     told = campaign.truth["effects"][0]
     values = {name: entry["value"] for name, entry in told["parameters"].items()}

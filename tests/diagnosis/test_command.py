@@ -28,7 +28,7 @@ TEMPERATURES = ("melt_degC", "ambient_degC", "leg1_degC", "leg2_degC", "leg3_deg
 
 
 class Table:
-    """The files of a campaign, to be spoilt."""
+    """The files of a campaign, to be damaged."""
 
     def __init__(self, folder):
         """Read both files."""
@@ -37,7 +37,7 @@ class Table:
         self.settings = yaml.safe_load((folder / "campaign.yaml").read_text())
 
     def without(self, *columns):
-        """Return the same without some columns."""
+        """Return the table without some columns."""
         return self._of([{k: v for k, v in row.items() if k not in columns} for row in self.rows])
 
     def head(self, count):
@@ -45,7 +45,7 @@ class Table:
         return self._of(self.rows[:count])
 
     def changed(self, change):
-        """Return the same with every row changed."""
+        """Return the table with every row changed."""
         return self._of([change(k, dict(row)) for k, row in enumerate(self.rows)])
 
     def _of(self, rows):
@@ -70,7 +70,7 @@ def hot(tmp_path_factory):
 
 
 def diagnosed(folder, table, *more):
-    """Run the command as the shell does: exit code, figures (None on failure), what was said, error output."""
+    """Run the command as the shell does: exit code, figures (None on failure), standard output, error output."""
     (folder / "c.csv").write_bytes(table.texts()[0])
     (folder / "c.yaml").write_bytes(table.texts()[1])
     with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO()) as error:
@@ -91,7 +91,7 @@ def run(tmp_path):
 
 @pytest.fixture(scope="module")
 def written(hot, tmp_path_factory):
-    """The folder of a sound campaign's files, and what the command gave."""
+    """The folder of a sound campaign's files, and the command's results."""
     folder = tmp_path_factory.mktemp("sound")
     return folder / "out", diagnosed(folder, hot)
 
@@ -100,8 +100,8 @@ def named(figures):
     return [effect["effect"] for effect in figures["effects"]]
 
 
-def test_what_to_measure_next_can_be_measured_virtually(written, hot, tmp_path):
-    """Effects that lag go by the time, and the plan says it by the clock of the campaign."""
+def test_the_suggested_next_measurements_can_be_measured_virtually(written, hot, tmp_path):
+    """Effects with a time lag depend on the time, and the plan states it by the clock of the campaign."""
     out, (_, figures, _, _) = written
     simulate = ("campaign", "simulate", "--plan", str(out / "next.csv"), "--model", str(out / "model.yaml"))
     assert main([*simulate, "--out", str(tmp_path / "virtual.csv"), "--quiet"]) == 0
@@ -109,7 +109,7 @@ def test_what_to_measure_next_can_be_measured_virtually(written, hot, tmp_path):
         times = [float(row["time_s"]) for row in csv.DictReader(file)]
     last = max(float(row["time_s"]) for row in hot.rows)
     later = [last + 3600.0 * step["hours_later"] for step in figures["suggested_measurements"]]
-    np.testing.assert_allclose(times, later, rtol=0, atol=18.5)  # hours are told to two decimals
+    np.testing.assert_allclose(times, later, rtol=0, atol=18.5)  # hours are printed to two decimals
 
 
 def test_a_sound_campaign_from_file_to_files(written):
@@ -132,7 +132,7 @@ def test_the_amended_model_closes_the_gap(hot, run, written):
     assert said.startswith("NO GAP")
 
 
-def test_json_is_json_and_equals_the_file_and_files_of_a_user_stay(hot, run, tmp_path):
+def test_json_output_is_json_and_equals_the_file_and_files_of_a_user_stay(hot, run, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").write_text("x")
     code, figures, said, _ = run(hot, "--json")
@@ -159,7 +159,7 @@ def test_an_excluded_effect_is_not_named(hot, run):
     assert "leg_thermal_expansion" not in [e["effect"] for key in ("effects", "nearest") for e in figures[key]]
 
 
-def test_an_effect_that_does_not_exist_is_told_with_the_nearest_name(hot, run):
+def test_an_effect_that_does_not_exist_is_reported_with_the_nearest_name(hot, run):
     code, _, _, error = run(hot, "--exclude", "leg_thermal_expanson")
     assert code == 2
     assert "leg_thermal_expansion" in error
@@ -191,7 +191,7 @@ def test_fewer_than_eight_rows_are_refused(hot, run):
 
 
 @pytest.mark.parametrize("count", [9, 14, 25])
-def test_short_campaigns_say_how_little_they_are(hot, run, count):
+def test_short_campaigns_report_how_little_they_are(hot, run, count):
     code, figures, said, _ = run(hot.head(count))
     assert code == 0
     assert f"only {count} rows" in said
@@ -214,7 +214,7 @@ def test_one_pose_repeated_is_refused(hot, run):
     assert "only 1 different pose" in error
 
 
-def test_without_stated_noise_it_says_where_the_noise_comes_from(hot, run):
+def test_without_stated_noise_the_source_of_the_noise_is_reported(hot, run):
     table = hot.head(70)
     for name in list(table.settings["metrology"]):
         if name.startswith("sigma"):
@@ -225,8 +225,8 @@ def test_without_stated_noise_it_says_where_the_noise_comes_from(hot, run):
     assert "noise is not stated" in said.replace("\n", " ")
 
 
-def test_a_single_rotation_leaves_nothing_and_is_no_misfit(hot, run):
-    """The frames explain it exactly: what is left is rounding, which no noise is to be taken from."""
+def test_a_single_rotation_leaves_no_residual_and_is_no_misfit(hot, run):
+    """The frames explain it exactly: only rounding remains, from which no noise may be estimated."""
     table = hot.head(16).changed(lambda k, row: row | (dict.fromkeys(("rx_rad", "ry_rad", "rz_rad"), "") if k else {}))
     table.settings["metrology"] = {
         name: value for name, value in table.settings["metrology"].items() if not name.startswith("sigma")
@@ -246,7 +246,7 @@ def test_without_temperatures_heat_is_untestable_and_nothing_else_is_blamed(hot,
     assert not {"leg_thermal_expansion", "platform_thermal_expansion"} & set(named(figures))
 
 
-def test_without_time_the_order_stands_for_it(hot, run):
+def test_without_time_the_order_of_rows_stands_for_it(hot, run):
     code, figures, said, _ = run(hot.without("time_s"))
     assert code == 0
     assert "no times are given" in said
@@ -260,7 +260,7 @@ def test_positions_only(hot, run):
     assert "mrad" not in said.splitlines()[1]
 
 
-def test_empty_cells_are_filled_in_and_that_is_said(hot, run):
+def test_empty_cells_are_filled_in_and_that_is_reported(hot, run):
     random = np.random.default_rng(1)
 
     def holes(_, row):
@@ -275,7 +275,7 @@ def test_empty_cells_are_filled_in_and_that_is_said(hot, run):
     assert "leg_thermal_expansion" in named(figures)
 
 
-def test_wrong_units_are_told(hot, run):
+def test_wrong_units_are_reported(hot, run):
     code, _, _, error = run(
         hot.changed(lambda _, row: row | {n: f"{float(row[n]) / 1e3}" for n in ("x_mm", "y_mm", "z_mm")})
     )
@@ -283,13 +283,13 @@ def test_wrong_units_are_told(hot, run):
     assert "metres under a heading in millimetres" in error
 
 
-def test_a_model_whose_effects_the_campaign_cannot_feed_is_refused(hot, run, written):
+def test_a_model_whose_effects_need_conditions_the_campaign_lacks_is_refused(hot, run, written):
     code, _, _, error = run(hot.without(*TEMPERATURES), "--model", str(written[0] / "model.yaml"))
     assert code == 3
     assert "leg_thermal_expansion" in error
 
 
-def test_a_folder_that_cannot_be_is_told_before_the_work(hot, tmp_path, capsys):
+def test_an_output_folder_that_cannot_be_made_is_reported_before_the_work(hot, tmp_path, capsys):
     (tmp_path / "file").write_text("x")
     assert main(["diagnose", "--out", str(tmp_path / "file"), "nothing.csv"]) == 2
     assert "give a folder" in capsys.readouterr().err
@@ -303,7 +303,7 @@ def small(tmp_path_factory):
 
 
 def check(table, metadata, capsys):
-    """Run on spoilt files: done, or refused in one line with nothing left behind."""
+    """Run on damaged files: done, or refused in one line without leaving any file behind."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "c.csv").write_bytes(table)
@@ -325,7 +325,7 @@ def check(table, metadata, capsys):
 
 @FUZZ
 @given(changes=damages())
-@example(changes=[(0.7002813453912137, 2, b"")])  # play, of whose forms other rows make no difference
+@example(changes=[(0.7002813453912137, 2, b"")])  # backlash, whose forms do not differ in the other rows
 def test_a_damaged_table_never_leads_to_a_traceback(small, changes, capsys):
     check(spoil(small[0], changes), small[1], capsys)
 

@@ -1,4 +1,4 @@
-"""Joints that follow another one or err once a turn, simulated by rotations independent of the library."""
+"""Joints that follow another one or err once per turn, simulated by rotations independent of the library."""
 
 import numpy as np
 import pandas as pd
@@ -19,7 +19,7 @@ SIGMA_M, SIGMA_RAD, SHARE = 3e-5, 3e-5, 1e-3
 
 
 def measured(folder, joint, error):
-    """Return a campaign of 120 poses in which one joint stands off by an error of the drives (n, 6), in rad."""
+    """Return a campaign of 120 poses in which the joints have an error of the drives (n, 6), in rad."""
     random = np.random.default_rng(4)
     drives = MACHINES["arm"].targets(random, 120)
     turned = drives.copy()
@@ -44,8 +44,8 @@ def coupled(request, tmp_path_factory):
     return follower + 1, leader + 1, made
 
 
-def test_a_joint_that_goes_along_with_another_is_named_with_its_share(coupled):
-    """It was a wrong gear of the other joint and a joint out of place, 99 % sure, or a noise beyond the stated one."""
+def test_a_joint_coupled_to_another_is_named_with_its_ratio(coupled):
+    """It was a wrong gear of the other joint and a joint out of place, 99 % sure, or a noise above the stated one."""
     follower, leader, campaign = coupled
     model = RobotModel.for_robot(ROBOT)
     found = diagnose(campaign, model, DiagnosisOptions(next_count=0))
@@ -59,7 +59,7 @@ def test_a_joint_that_goes_along_with_another_is_named_with_its_share(coupled):
     assert FlagCode.NOISE_TOO_SMALL not in [flag.code for flag in flags]
 
 
-def test_without_that_cause_it_is_told_on_what_it_depends(coupled):
+def test_without_that_cause_the_condition_it_depends_on_is_reported(coupled):
     follower, leader, campaign = coupled
     options = DiagnosisOptions(next_count=0, exclude=("drive_coupling",))
     found = diagnose(campaign, RobotModel.for_robot(ROBOT), options)
@@ -71,8 +71,8 @@ def test_without_that_cause_it_is_told_on_what_it_depends(coupled):
 
 
 @pytest.mark.parametrize("joint", [2, 4])
-def test_a_disc_off_its_centre_is_named_alone_with_its_size_and_angle(tmp_path, joint):
-    """An encoder's disc errs by e/r sin(q + φ). It was a wrong gear or zero beside waves of all joints, 99 % sure."""
+def test_an_eccentric_disc_is_named_alone_with_its_size_and_angle(tmp_path, joint):
+    """An encoder's disc errs by e/r sin(q + φ). It was a wrong gear or zero with waves of all joints, 99 % sure."""
     sine, cosine = 0.4, -0.3  # mrad
     campaign = measured(
         tmp_path,
@@ -89,8 +89,8 @@ def test_a_disc_off_its_centre_is_named_alone_with_its_size_and_angle(tmp_path, 
 
 
 @pytest.mark.parametrize("joint", [1, 2])
-def test_a_disc_that_is_oval_as_well_is_named_alone(tmp_path, joint):
-    """Over less than a turn, what the second order adds to the first looked like a wrong gear beside it, 99 % sure."""
+def test_an_eccentric_disc_that_is_oval_as_well_is_named_alone(tmp_path, joint):
+    """Over less than a turn the sum of both orders looked like the first order with a wrong gear, 99 % sure."""
     campaign = measured(
         tmp_path,
         joint,

@@ -20,7 +20,7 @@ COURSE = np.random.default_rng(0).uniform(-1.0, 1.0, ROWS)
 
 
 def turned(residual, free):
-    """Return what is found of one coordinate a row, in units of the noise, that may depend on the course."""
+    """Return the result for one coordinate per row, in units of the noise, that may depend on the course."""
     rows, no = np.arange(ROWS), np.zeros(ROWS)
     jacobian = np.zeros((ROWS, 12))
     jacobian[:, : free.shape[1]] = free / SIGMA
@@ -49,7 +49,7 @@ def drawn(seed):
     return 3.0 + SLOPE * COURSE + np.random.default_rng(seed).normal(size=ROWS)
 
 
-def test_it_is_what_fits_without_each_block_leave_over():
+def test_held_out_error_is_that_of_fits_without_each_block():
     values = drawn(1)
     found = turned(values, np.ones((ROWS, 1)))
     left = np.zeros(ROWS)
@@ -58,7 +58,7 @@ def test_it_is_what_fits_without_each_block_leave_over():
         slope, start = np.polyfit(COURSE[others], values[others], 1)
         left[rows] = values[rows] - start - slope * COURSE[rows]
     assert (found.blocks, found.agreed, found.found) == (5, 5, {"slope": 5})
-    # The search's prior on the slope is wide, but no plane.
+    # The search's prior on the slope is wide, but not flat.
     assert found.gap.position("after") == pytest.approx(SIGMA * np.sqrt((left**2).mean()), rel=0.01)
     before = [values[rows] - np.delete(values, rows).mean() for rows in BLOCKS]
     assert found.gap.position("before") == pytest.approx(SIGMA * np.sqrt((np.concatenate(before) ** 2).mean()))
@@ -70,7 +70,7 @@ def test_its_standard_error_is_the_scatter_from_campaign_to_campaign():
     assert np.sqrt(np.mean([one.error_m**2 for one in found])) == pytest.approx(scatter, rel=0.35)
 
 
-def test_blocks_that_alone_tell_of_the_frames_are_not_foretold():
+def test_blocks_that_alone_determine_the_frames_are_not_predicted():
     alone = np.zeros((ROWS, 2))
     alone[BLOCKS[2], 0] = 1.0
     values = drawn(2)
@@ -85,16 +85,16 @@ def test_blocks_that_alone_tell_of_the_frames_are_not_foretold():
 
 
 @pytest.mark.parametrize(("held_out", "expected"), [(0, False), (6, True), (49, True), (50, False)])
-def test_few_is_what_tells_an_error_to_less_than_a_tenth(held_out, expected):
-    """The RMS of m values is known to 1 / sqrt(2 m)."""
+def test_few_rows_determine_an_error_to_worse_than_a_tenth(held_out, expected):
+    """The RMS of m values has a relative standard deviation of 1 / sqrt(2 m)."""
     fitted = np.arange(100) >= held_out
     linear = SimpleNamespace(row=np.arange(100))
     assert few(linear, fitted) == expected
     assert not expected or 1.0 / np.sqrt(2.0 * held_out) > 0.1
 
 
-def test_what_foretells_no_row_is_not_named(tmp_path):
-    """Forty distances of an arm, off by up to 1 mm as no joint makes it: waves of all joints take up any of them."""
+def test_what_predicts_no_row_is_not_named(tmp_path):
+    """Forty distances of an arm, off by up to 1 mm as no joint makes it: waves of all joints absorb any of them."""
     data = distances_of_an_arm(tmp_path, "null")
     first, second = data.drives[:, 0], data.drives[:, 1]
     off = 1e-3 * np.sin(3.0 * first) * np.sin(3.0 * second)

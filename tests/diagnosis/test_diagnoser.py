@@ -16,22 +16,22 @@ from pouring_robot.inference.hypotheses import Hypothesis
 from tests.diagnosis.hidden import NOTHING, campaign
 
 
-def test_an_answer_that_was_settled_beside_its_own_forms_is_settled_beside_all(hot):
+def test_a_hypothesis_settled_with_its_own_forms_is_settled_with_the_whole_library(hot):
     found = hot.hypothesis
     assert found.problem.known > {*found.effects}
     again = found.settled()
     assert (again.scales, again.levels) == (found.scales, found.levels)
 
 
-def test_the_gap_is_that_of_the_given_model_wherever_the_search_has_come(hot):
+def test_the_gap_is_that_of_the_given_model_at_any_step_of_the_search(hot):
     diagnoser = hot.diagnoser
     rest = diagnoser.problem_at(diagnoser.at_rest())
     assert hot.hypothesis.problem.given_squared == pytest.approx(rest.gram.squared, rel=1e-9)
     assert hot.hypothesis.problem.gram.squared != pytest.approx(rest.gram.squared, rel=1e-9)
 
 
-def test_where_something_is_unknown_stretches_of_time_say_how_well_the_rest_is_known(excluded):
-    """As least squares without each of them do, frames free: rows of equations, and a row each of priors."""
+def test_where_something_is_unknown_standard_deviations_come_from_leaving_out_stretches_of_time(excluded):
+    """As in least squares without each stretch and with free frames: rows of equations, and one row per prior."""
     hypothesis, diagnoser = excluded.hypothesis, excluded.diagnoser
     assert excluded.verdict == "unknown" and excluded.effects
     free, weights = hypothesis.problem.nuisance.axes, np.concatenate(hypothesis.weights())
@@ -51,8 +51,8 @@ def test_where_something_is_unknown_stretches_of_time_say_how_well_the_rest_is_k
     assert (expected > 1.5 * np.sqrt(np.diag(covariance))).any()
 
 
-def test_what_forms_share_is_known_as_well_as_their_sum(hot):
-    """Forms that do the same to a parameter move together: the sum's deviation is twice that of one, and not 1.41."""
+def test_forms_of_one_parameter_are_summed_with_their_covariance(hot):
+    """Forms that act alike on a parameter are fully correlated: two have twice the deviation of one, and not 1.41."""
     effect = next(one for one in hot.effects if one.cause.indices)
     first = effect.cause.indices[0]
     parameters = dict(hot.parameters)[hot.hypothesis.items[first].key]
@@ -65,8 +65,8 @@ def test_what_forms_share_is_known_as_well_as_their_sum(hot):
         assert both.std == pytest.approx(2.0 * once.std)
 
 
-def test_what_cannot_be_put_into_the_robot_is_anything_but_linear(hot, monkeypatch):
-    """Nothing moves, which is no answer that stays: other causes are to be tried, and the same step is not again."""
+def test_a_step_that_cannot_be_put_into_the_robot_counts_as_nonlinear(hot, monkeypatch):
+    """The state does not move. That is no final answer: other causes are tried, and the same step is not repeated."""
     put_in, refused = Diagnoser._put_in, []
 
     def tried(self, parameters, *given):
@@ -82,8 +82,8 @@ def test_what_cannot_be_put_into_the_robot_is_anything_but_linear(hot, monkeypat
     assert len(refused) == 12  # halvings of a step before a search, and at the end
 
 
-def test_what_is_found_no_more_goes_as_far_as_a_step_that_is_halved(hot, monkeypatch):
-    """Gone at once, half a step would lead back to the drawing; of two values of one parameter each goes by half."""
+def test_parameters_no_longer_found_fade_as_far_as_a_halved_step_goes(hot, monkeypatch):
+    """Dropped at once, half a step would lead back to the drawing; of two values of one parameter each is halved."""
     put_in, asked = Diagnoser._put_in, []
 
     def tried(self, parameters, values, frames):
@@ -98,13 +98,13 @@ def test_what_is_found_no_more_goes_as_far_as_a_step_that_is_halved(hot, monkeyp
     nothing = Hypothesis.nothing(diagnoser.problem_at(there)).with_levels_of(())
     monkeypatch.setattr(Diagnoser, "_put_in", tried)
     new, _ = diagnoser._advanced(there, nothing)
-    assert asked[0][0] == ()  # a whole step leaves nothing
+    assert asked[0][0] == ()  # after a whole step no parameter is left
     halves = {one: (0.375 * value, 0.125 * value) for one, value in zip(after.parameters, after.values, strict=True)}
     assert {one: pytest.approx(values) for one, values in halves.items()} == new.by_parameter
 
 
-def test_of_steps_that_lead_too_far_nothing_is_differentiated(hot, monkeypatch):
-    """Derivatives take as long as closing the loops, and only those of the step that is taken are of use."""
+def test_of_steps_that_lead_too_far_no_derivatives_are_computed(hot, monkeypatch):
+    """Derivatives take as long as closing the loops, and only those of the step that is taken are needed."""
     put_in, linearised, tried, used = Diagnoser._put_in, CampaignRows.linearised, [], []
 
     def worse(self, *given):
@@ -125,7 +125,7 @@ def test_of_steps_that_lead_too_far_nothing_is_differentiated(hot, monkeypatch):
 
 
 @pytest.mark.parametrize("copied", [False, True])
-def test_where_they_disagree_is_worked_out_beside_the_search_or_when_it_is_asked_for(tmp_path, monkeypatch, copied):
+def test_where_they_disagree_is_computed_in_parallel_with_the_search_or_on_request(tmp_path, monkeypatch, copied):
     module, here = importlib.import_module("pouring_robot.diagnosis.diagnose"), []
     monkeypatch.setattr(conclusions, "where_of", lambda diagnoser: here.append(diagnoser) or "here")
     monkeypatch.setattr(module, "forked", lambda work: contextlib.nullcontext((lambda: "there") if copied else work))

@@ -20,7 +20,7 @@ LOW, HIGH = np.array([-2.4, -2.2, 0.01, -2.5]), np.array([2.4, 2.2, 0.29, 2.5])
 
 
 def pose(drives):
-    """Return where the tool is seen from the base, (3,), and its turn, by closed form."""
+    """Return the position of the tool from the base, (3,), and its rotation, in closed form."""
     shoulder, elbow, quill, wrist = drives
     first, both = (Rotation.from_euler("z", angle) for angle in (shoulder, shoulder + elbow))
     place = first.apply([0.4, 0.0, 0.4]) + both.apply([0.35, 0.0, -0.05 - quill])
@@ -28,9 +28,9 @@ def pose(drives):
 
 
 def written(folder: Path, offset_rad: float = 0.0, ratio: float = 0.0, home_rad: float = 0.0) -> Campaign:
-    """Return a campaign of 60 poses of the arm whose elbow stands elsewhere than it is said to.
+    """Return a campaign of 60 poses of the arm whose elbow is not where its encoder says.
 
-    It is so far off where it was homed, and goes further from there by a share of its way.
+    It has an offset where it was homed, and an error from there in proportion to its travel.
     """
     joints = zip(("base", "arm", "forearm", "spindle"), ("arm", "forearm", "spindle", "tool"), JOINTS, strict=True)
     lines = [
@@ -64,10 +64,10 @@ def written(folder: Path, offset_rad: float = 0.0, ratio: float = 0.0, home_rad:
 
 
 @pytest.mark.parametrize("offset_deg", [-5.0, 10.0])
-def test_a_zero_that_is_degrees_off_is_told_and_what_does_the_same(tmp_path, offset_deg):
-    """The tool's unknown turn leaves of it that the quill stands elsewhere, which no other place along the arm does.
+def test_a_zero_that_is_degrees_off_is_named_and_what_does_the_same_is_an_alternative(tmp_path, offset_deg):
+    """The tool's unknown rotation absorbs all but a shift of the quill, which no other placement along the arm makes.
 
-    Settled from the drawing's derivatives joints that stand elsewhere alone were named, 99 % sure.
+    With derivatives at the drawing, joints in the wrong place alone were named, 99 % sure.
     """
     campaign = written(tmp_path, offset_rad=np.radians(offset_deg))
     found = diagnose(campaign, RobotModel.for_robot(tmp_path / "scara.yaml"))
@@ -75,18 +75,18 @@ def test_a_zero_that_is_degrees_off_is_told_and_what_does_the_same(tmp_path, off
     assert found.judgement.verdict == "group"
     assert {zero.cause.effect, *zero.cause.alternatives} >= {"drive_zero_offset.rotations", "joint_placement"}
     assert zero.cause.effect == "drive_zero_offset.rotations"
-    assert not {*found.spare} & {*zero.cause.alternatives}  # of which is said that they look like it
+    assert not {*found.spare} & {*zero.cause.alternatives}  # they are reported as looking alike
     (elbow,) = (one for one in zero.parameters if one.parameter.name.startswith("elbow"))
     assert abs(elbow.value) == pytest.approx(1e3 * np.radians(abs(offset_deg)), abs=5.0 * elbow.std)
 
 
 @pytest.mark.parametrize(("ratio", "home_rad"), [(-0.003, 0.0), (0.03, -2.2)])
-def test_a_wrong_gear_ratio_is_told_from_waves_of_the_joints_turn(tmp_path, ratio, home_rad):
-    """Waves add up to a line over less than a turn, but it takes many, each as large as needed; they were named."""
+def test_a_wrong_gear_ratio_is_distinguished_from_waves_of_the_joints_turn(tmp_path, ratio, home_rad):
+    """Waves can add up to a line over less than a turn, but only many of large amplitude; they were named."""
     campaign = written(tmp_path, ratio=ratio, home_rad=home_rad)
     found = diagnose(campaign, RobotModel.for_robot(tmp_path / "scara.yaml"))
     (cause,) = found.effects
     assert (found.verdict, cause.cause.effect) == ("named", "drive_scale.rotations")
     (elbow,) = (one for one in cause.parameters if one.parameter.name == "elbow_scale")
-    assert elbow.value == pytest.approx(1e3 * ratio, abs=4.0 * elbow.std)  # of one draw
+    assert elbow.value == pytest.approx(1e3 * ratio, abs=4.0 * elbow.std)  # for one draw
     assert elbow.std < 0.02  # mrad/rad

@@ -18,7 +18,7 @@ ROWS = 30
 
 
 def columns_telling(least):
-    """Return columns of frames that are told by singular values of 1e5 but one, and what that one adds, of length 1."""
+    """Return frame columns with singular values of 1e5 but for the least, and the unit vector of that one."""
     rng = np.random.default_rng(1)
     axes, _ = np.linalg.qr(rng.normal(size=(6 * ROWS, FRAMES)))
     directions, _ = np.linalg.qr(rng.normal(size=(FRAMES, FRAMES)))
@@ -31,21 +31,21 @@ def free(columns):
 
 
 @pytest.mark.parametrize(("least", "told"), [(0.5 / FRAME_STD, False), (2.0 / FRAME_STD, True), (0.0, False)])
-def test_frames_explain_only_along_what_the_rows_tell_of_them(least, told):
+def test_frames_explain_only_along_directions_that_the_rows_determine(least, told):
     columns, course = columns_telling(least)
     left = free(columns).cleared(8.0 * course)
     assert np.linalg.norm(left) == pytest.approx(0.0 if told else 8.0, abs=1e-6)
 
 
-def test_what_is_told_is_taken_out_whole():
+def test_determined_directions_are_projected_out_whole():
     columns, course = columns_telling(0.5 / FRAME_STD)
     told = columns @ np.random.default_rng(2).normal(size=FRAMES)
     left = free(columns).cleared(told)
     assert np.linalg.norm(left - course * (course @ told)) < 1e-9 * np.linalg.norm(told)
 
 
-def test_what_only_a_moving_base_tells_of_the_target_stays_as_it_was(tmp_path):
-    """A delta only shifts: tracker and target trade places; where its base turns, rows would tell the target's."""
+def test_the_target_stays_where_only_a_moving_base_would_determine_it(tmp_path):
+    """A delta only translates, so tracker and target are confounded; a rotating base would show where the target is."""
     write(tmp_path, MACHINES["delta"], 2, "session_offset")
     found = diagnose(tmp_path / "campaign.csv", ROOT / "examples" / "robots" / "delta" / "robot.yaml")
     assert "session_offset" in {name for e in found.firm for name in (e.cause.effect, *e.cause.alternatives)}
@@ -59,10 +59,10 @@ BELOW_M = np.array([[-0.1825, 0.33, 0.0], [-0.1825, -0.33, 0.0], [0.1825, 0.33, 
 SIDE_M, TILTS, SINKS = 0.15, 0.6e-3, 0.4e-3
 
 
-def test_how_far_a_turning_base_sinks_is_known_as_well_as_where_the_target_sits():
+def test_sinking_of_a_rotating_base_is_known_as_well_as_the_position_of_the_target():
     """A base that rolls by w while it sinks by z moves a target that sits d to the side by z + w d.
 
-    The platform tilts about y alone, so that nothing tells d: closed form, with the drawing of docs/mechanism.md.
+    The platform tilts about y only, so no row shows d: closed form, with the drawing of docs/mechanism.md.
     """
     rng, rows = np.random.default_rng(100), 120
     time_s = np.linspace(0.0, 14400.0, rows)
@@ -84,6 +84,6 @@ def test_how_far_a_turning_base_sinks_is_known_as_well_as_where_the_target_sits(
     known = {one.parameter.name: one for one in drift.parameters}
     assert known["rx"].value == pytest.approx(1e3 * TILTS, abs=0.04)
     assert known["rx"].std < 0.02
-    # Of what nothing tells 0.1 m is known, shared by tracker and target.
+    # Undetermined positions are known to 0.1 m, shared by tracker and target.
     assert abs(known["tz"].value - 1e3 * SINKS) < 3.0 * known["tz"].std
     assert known["tz"].std == pytest.approx(np.hypot(0.011, 0.6 * 100.0 / 2**0.5 * 1e-3), rel=0.2)

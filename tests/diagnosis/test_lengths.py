@@ -16,8 +16,8 @@ UPPER, FORE = (2, 2), (3, 0)  # joint and axis of the lengths
 
 @pytest.mark.parametrize("wrong", [{UPPER: 1.0}, {UPPER: 1.2, FORE: 1.0}], ids=["one", "two"])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_lengths_are_placements_and_neither_something_unknown_nor_the_tracker(tmp_path, monkeypatch, wrong, seed):
-    """Two lengths off in proportion are nearly what a tracker's scale makes of all."""
+def test_wrong_lengths_are_named_as_placements_and_not_as_unknown_or_tracker_scale(tmp_path, monkeypatch, wrong, seed):
+    """Two lengths off in proportion are nearly what a tracker's scale does to all of them."""
     origin = np.zeros((6, 3))
     for place, size in wrong.items():
         origin[place] = size
@@ -32,6 +32,6 @@ def test_lengths_are_placements_and_neither_something_unknown_nor_the_tracker(tm
     for (joint, axis), size in wrong.items():
         name, true_mm = f"joint{joint + 1}.t{'xyz'[axis]}", 1e3 * size * truth["effects"][0]["size"]
         assert told.value[name] == pytest.approx(true_mm, abs=4.0 * told["std"][name])
-    # Along the forearm, about which joint 4 turns, the next joint's place does the same.
+    # Along the forearm, about which joint 4 turns, an error of the next joint's placement is the same.
     alike = "joint_placement: in these poses joint5.tx would have the same effect as joint4.tx"
     assert (alike in note_lines(found)) == (FORE in wrong)

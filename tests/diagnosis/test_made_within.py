@@ -19,7 +19,7 @@ def folder(tmp_path_factory):
     return out
 
 
-def test_what_is_not_known_is_asked_for_and_what_is_known_is_used(folder):
+def test_an_unknown_accuracy_of_joints_is_asked_for_and_a_known_one_is_used(folder):
     campaign = folder / "case" / "campaign.csv"
     found = diagnose(campaign, options=DiagnosisOptions(next_count=0))
     assert [e.cause.effect for e in found.effects] == ["drive_backlash"]
@@ -31,6 +31,6 @@ def test_what_is_not_known_is_asked_for_and_what_is_known_is_used(folder):
     assert figures == [None, 0.026]
 
 
-def test_trials_tell_it(folder):
+def test_trials_pass_the_accuracy_of_joints_to_the_diagnosis(folder):
     (trial,) = run(Job("told", folder / "case", told=True))
     assert trial.exact, trial.line()

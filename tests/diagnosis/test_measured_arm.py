@@ -1,4 +1,4 @@
-"""A real arm: a UR10 under a laser tracker, of which the right answer is known; see examples/machines/ur10."""
+"""A real arm: a UR10 under a laser tracker whose right answer is known; see examples/machines/ur10."""
 
 import json
 import re
@@ -20,10 +20,10 @@ UR10 = ROOT / "examples" / "machines" / "ur10"
 
 
 @pytest.mark.slow
-def test_error_of_each_joints_own_angle_is_named_and_no_other_cause(tmp_path, monkeypatch, capfd):
-    """By the page's own commands, after its geometry is calibrated, with what the page shows.
+def test_an_error_of_each_joint_in_its_own_angle_is_named_and_no_other_cause(tmp_path, monkeypatch, capfd):
+    """By the commands of the page after geometric calibration, with the results that the page shows.
 
-    On rows held out the published 0.1 mm (three coordinates) are left.
+    The held-out error is the published 0.1 mm (three coordinates).
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
@@ -46,8 +46,8 @@ def test_error_of_each_joints_own_angle_is_named_and_no_other_cause(tmp_path, mo
 
 
 @pytest.mark.slow
-def test_waves_that_one_series_taught_do_no_harm_at_angles_it_did_not_have():
-    """The pan joint of series A never stood where it stands in series C, months later."""
+def test_waves_learned_from_one_series_do_no_harm_at_angles_outside_it():
+    """In series A the pan joint was never where it is in series C, months later."""
     drawing = RobotModel.for_robot(UR10 / "robot.yaml")
     taught, other = (Campaign.read(UR10 / f"series_{name}.csv", drawing.definition) for name in "ca")
     only = {"joint_periodic", "joint_placement", "drive_compliance"}

@@ -52,12 +52,12 @@ from pouring_robot.sensitivity.report import Request
         (Request, {"frame": 1}),
     ],
 )
-def test_what_means_nothing_is_refused(kind, given):
+def test_meaningless_values_are_refused(kind, given):
     with pytest.raises(BadInputError):
         kind(**given)
 
 
-def test_what_is_refused_is_named_with_what_it_may_be():
+def test_a_refused_value_is_reported_with_the_allowed_ones():
     with pytest.raises(BadInputError, match=r"^loss of FitOptions is 'huber' or 'soft_l1' or 'linear', not 'hubber'$"):
         FitOptions(loss="hubber")
     with pytest.raises(BadInputError, match=r"^choose of CalibrationOptions is True or False, not 'no'$"):
@@ -108,11 +108,11 @@ def test_commands_know_the_names_of_the_library(command, option, names):
 
 
 @pytest.mark.parametrize("work", [calibrate, diagnose])
-def test_options_are_of_their_class(work):
+def test_options_have_the_types_of_their_class(work):
     with pytest.raises(BadInputError, match=r"options of a \w+ are \w+Options, not a dict"):
         work("campaign.csv", options={"exclude": ()})
 
 
-def test_a_text_is_one_name():
+def test_a_single_text_is_one_name():
     catalogue = ParameterCatalogue(RobotModel().definition)
     assert catalogue.groups("geometry") == catalogue.groups(("geometry",))

@@ -33,7 +33,7 @@ SMOOTH = (
 
 
 def found(folder, ends_deg, error):
-    """Diagnose a telescope's mount whose elevation errs by a function of it from -1 to 1, and of its angle in rad."""
+    """Diagnose a telescope's mount whose elevation errs by a function of its range (-1 to 1) and its angle in rad."""
     (folder / "mount.urdf").write_text(URDF)
     (folder / "robot.yaml").write_text(ROBOT)
     model = RobotModel.for_robot(folder / "robot.yaml")
@@ -57,8 +57,8 @@ def found(folder, ends_deg, error):
         ((-150, 150), lambda _, angle: 0.5 * np.sin(angle + 1.0), ()),
     ],
 )
-def test_what_a_smooth_error_does_as_well_is_said(tmp_path, ends_deg, error, notes):
-    """A parabola of 0.25 mrad over 30 degrees was a wave of 7 mrad, 99 % sure, and nothing else."""
+def test_a_smooth_error_that_does_the_same_is_reported(tmp_path, ends_deg, error, notes):
+    """A parabola of 0.25 mrad over 30 degrees was named a wave of 7 mrad, 99 % sure, without a remark."""
     diagnosis = found(tmp_path, ends_deg, error)
     (effect,) = diagnosis.firm
     assert (effect.cause.effect, effect.cause.form) == ("joint_periodic", "elevation_once")
@@ -69,15 +69,15 @@ def test_what_a_smooth_error_does_as_well_is_said(tmp_path, ends_deg, error, not
     assert all(span - 10.0 < float(line.rpartition(" ")[2].removesuffix("°")) <= span for line in told)
 
 
-def test_what_of_a_turn_was_seen():
-    """The widest gap is the one that was not seen: from 350 to 20 degrees a joint turned by 30, not by 330."""
+def test_how_much_of_a_turn_was_covered():
+    """The widest gap was not covered: from 350 to 20 degrees a joint turned by 30 degrees, not by 330."""
     courses = np.linspace(0, 350, 36), np.linspace(-10, 20, 36), np.linspace(0, 265, 36), np.zeros(36)
     assert [turned_deg(np.radians(angles)) for angles in courses] == pytest.approx([350.0, 30.0, 265.0, 0.0])
     first, second = (np.sin(order * np.radians(np.linspace(-135, 135, 1001))) for order in (8, 9))
     assert np.corrcoef(first, second)[0, 1] == pytest.approx(0.3, abs=0.05)
 
 
-def test_orders_stand_for_each_other_where_there_are_several(tmp_path):
+def test_of_several_orders_it_is_reported_that_they_cannot_be_told_apart(tmp_path):
     """The azimuth turned nearly once, the elevation by 30 degrees, in which its waves are not smooth."""
     diagnosis = found(tmp_path, (60, 90), lambda _, angle: 0.5 * np.sin(7.0 * angle) + 0.3 * np.sin(12.0 * angle))
     (effect,) = diagnosis.firm

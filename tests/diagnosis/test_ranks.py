@@ -8,8 +8,8 @@ from pouring_robot.diagnosis.where.ranks import larger, rank_correlation, ranks
 
 
 @pytest.mark.parametrize("tied", [False, True])
-def test_they_are_those_of_scipy(rng, tied):
-    """The same formulas, so that only rounding is left."""
+def test_rank_statistics_are_those_of_scipy(rng, tied):
+    """The formulas are the same, so only rounding differs."""
     first, second = rng.normal(size=40), rng.normal(size=60) - 0.3
     if tied:
         first, second = np.round(first), np.round(second)
@@ -21,11 +21,11 @@ def test_they_are_those_of_scipy(rng, tied):
     )
 
 
-def test_few_values_are_judged_too_carefully(rng):
-    """Six values all above sixty: one in 90,858,768 by chance, which the normal distribution makes more of."""
+def test_p_values_of_few_values_are_conservative(rng):
+    """Six values all above sixty: a chance of one in 90,858,768, for which the normal distribution gives more."""
     exact = scipy.stats.mannwhitneyu(np.arange(60, 66), np.arange(60), alternative="greater", method="exact").pvalue
     assert exact < larger(np.arange(60.0, 66.0), np.arange(60.0)) < 1e-4
 
 
-def test_equal_values_tell_nothing():
+def test_equal_values_give_no_evidence():
     assert larger(np.ones(6), np.ones(9)) == 1.0

@@ -39,7 +39,7 @@ NAMES = {"diagnosis.json", "model.yaml", "report.html", "ladles.html", "next.csv
 
 @pytest.fixture(scope="module")
 def hot(hot, tmp_path_factory):
-    """The same of a file with a name that would break a careless page."""
+    """The diagnosis of a file whose name would break a careless page."""
     told = shutil.copy(hot.campaign.path, tmp_path_factory.mktemp("hot") / "<script>alert(1).csv")
     return replace(hot, campaign=replace(hot.campaign, path=told))
 
@@ -62,7 +62,7 @@ def written(hot, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def refused(hot):
-    """The same, as if what was found brought the fitted rows no closer."""
+    """The diagnosis as if its causes brought the fitted rows no closer."""
     gap = hot.train
     return replace(hot, train=replace(gap, after=2.0 * gap.before))
 
@@ -72,12 +72,12 @@ def refused_drawn(refused):
     return plots(refused)
 
 
-def test_a_diagnosis_goes_to_another_process(hot):
+def test_a_diagnosis_can_be_passed_to_another_process(hot):
     again = pickle.loads(pickle.dumps(hot))
     assert again.headline == hot.headline and again.amended == hot.amended
 
 
-def test_the_page_is_whole_and_needs_no_other_file(hot, page):
+def test_the_page_is_complete_and_needs_no_other_file(hot, page):
     assert page.startswith("<!doctype html>")
     assert page.rstrip().endswith("</html>")
     assert not re.findall(r"(?:src|href)='(?!data:)", page)
@@ -106,7 +106,7 @@ def test_plots_are_pictures(drawn, refused_drawn):
             assert sum(1 for _ in marks) > 20, title
 
 
-def test_every_point_of_the_residuals_says_its_line_and_value(hot, drawn):
+def test_every_point_of_the_residuals_has_its_line_and_value(hot, drawn):
     shown = next(svg for title, svg in drawn if title.startswith("Residuals"))
     told = re.findall(r"<title>line (\d+): ([+-][\d.]+) mm (before|after)</title>", shown)
     assert {int(line) for line, _, _ in told} == set(hot.campaign.lines[np.isfinite(hot.campaign.position_m).all(1)])
@@ -117,13 +117,13 @@ def test_rows_are_ringed_where_some_are_held_out(hot, drawn):
     assert "no row held out" in plots(replace(hot, fitted=np.ones_like(hot.fitted)))[1][0]
 
 
-def test_a_long_story_stands_in_lines_over_its_picture(hot):
+def test_a_long_story_is_wrapped_above_its_plot(hot):
     told = replace(hot, effects=tuple(replace(effect, story="what may happen " * 15) for effect in hot.effects))
     written = re.findall(r"<text[^>]*>([^<]*what[^<]*)</text>", _signatures(told))
     assert len(written) == 3 * len(hot.firm) and max(map(len, written)) <= 120
 
 
-def test_measurements_stand_with_the_most_telling_first(hot, page):
+def test_measurements_are_listed_most_informative_first(hot, page):
     table = re.search("Most informative measurements.*?</table>", page, re.DOTALL)[0]
     rows = re.findall(r'<td class="l">next_(\d+)</td><td>([\d.]+)</td>.*?<td>(\d+)</td></tr>', table)
     nats = [float(cell) for _, cell, _ in rows]
@@ -131,22 +131,22 @@ def test_measurements_stand_with_the_most_telling_first(hot, page):
     assert all(hot.suggestion.measurements[int(sample) - 1].rank == int(number) for sample, _, number in rows)
 
 
-def test_the_report_does_not_send_to_the_report(page):
+def test_the_report_does_not_refer_to_itself(page):
     assert "more in the report" not in page
 
 
-def test_a_picture_is_the_same_twice(drawn, written):
-    """In the report that is written it is drawn anew."""
+def test_plots_are_reproducible(drawn, written):
+    """The written report draws them anew."""
     page = (written[0] / "report.html").read_text(encoding="utf-8")
     assert all(svg in page and f"<figcaption>{title}<" in html.unescape(page) for title, svg in drawn)
 
 
-def test_evidence_ends_where_the_hypothesis_is(hot):
+def test_evidence_steps_end_at_the_evidence_of_the_hypothesis(hot):
     hypothesis = hot.hypothesis
     ((name, gained),) = evidence_steps(hypothesis)
     assert "leg_thermal_expansion" in name
     without = hypothesis.without_items((0,)).log_evidence
-    # Levels of workmanship settle anew, step by step: they may end a step apart, which changes little.
+    # Levels of workmanship settle anew, step by step: they may end one step apart, which changes little.
     assert gained >= hypothesis.log_evidence - without - 3.0
 
 
@@ -157,10 +157,10 @@ def test_no_rival_is_better_than_the_cause(hot):
     assert min(margins.values()) > 5.0
 
 
-def test_each_state_leaves_the_gap_that_the_report_tells(hot):
+def test_each_state_has_the_gap_that_the_report_gives(hot):
     drawing, amended = seen_states(hot)
     assert (drawing.name, amended.name) == ("drawing", "amended model")
-    # The target's origin, through the frames of each state: whitened residuals, told twice.
+    # The target's origin through the frames of each state against whitened residuals: the same gap by two routes.
     for state, seen in ((drawing, hot.before), (amended, hot.after)):
         target = seen.frames.T_end_target.homogeneous
         gap = ((state.measured - state.model) @ target)[:, :3, 3] @ seen.frames.T_tracker_base.rotation.T
@@ -169,7 +169,7 @@ def test_each_state_leaves_the_gap_that_the_report_tells(hot):
         np.testing.assert_allclose(gap, residual[:, :3], atol=1e-6)
 
 
-def test_why_no_ladle_is_drawn_of_distances_alone_is_noted(hot):
+def test_a_note_says_why_no_ladle_is_drawn_of_distances_alone(hot):
     campaign, said = hot.campaign, "no ladles.html: no row has a complete measured position"
     nowhere, away = np.full_like(campaign.position_m, np.nan), np.linalg.norm(campaign.position_m, axis=1)[:, None]
     wire = replace(campaign, position_m=nowhere, rotation_vector_rad=None, distance_m=away)
@@ -205,7 +205,7 @@ def test_the_gap_is_drawn_from_where_the_ladle_was_measured(hot):
     assert not [body for body in solids(scene) if body.link == "truss_bridge"]
 
 
-def test_arrows_and_states_are_seen_on_what_was_measured():
+def test_arrows_and_states_contrast_with_what_was_measured():
     """Without colours, too: WCAG 2 asks for a contrast of 3 between the parts of a picture."""
 
     def luminance(colour):
@@ -225,11 +225,11 @@ def test_a_model_given_is_a_state_of_its_own(hot):
     sigma = 1e3 * hot.noise.position_m
     assert np.sqrt(np.mean(given**2)) < 3.0 * np.sqrt(3.0) * sigma
     assert ("noise per coordinate", f"{sigma:.3g} mm") in scene.steps[0].caption
-    quiet = _scene(hot.rows, seen_states(hot)[1:], {0: "quiet"})  # only noise is left: it is not drawn as a gap
+    quiet = _scene(hot.rows, seen_states(hot)[1:], {0: "quiet"})  # only noise remains: it is not drawn as a gap
     assert quiet.exaggeration * np.linalg.norm(quiet.arrows[0].vectors_m) < 0.03
 
 
-def test_a_row_without_a_rotation_says_whose_it_is_drawn_with(hot):
+def test_a_row_without_a_rotation_is_labelled_with_the_source_of_the_one_drawn(hot):
     turned = hot.campaign.rotation_vector_rad.copy()
     turned[::2] = np.nan
     mixed = replace(hot.campaign, rotation_vector_rad=turned)
@@ -240,7 +240,7 @@ def test_a_row_without_a_rotation_says_whose_it_is_drawn_with(hot):
     assert any(without) and not all(without)
 
 
-def test_turning_residuals_into_the_fixed_platform_keeps_their_length():
+def test_residuals_rotated_into_the_fixed_platform_keep_their_length():
     table = np.random.default_rng(0).normal(size=(4, 6))
     axes = pin.exp3(np.array([0.2, -0.4, 1.0]))
     turned = in_base(table, axes)
@@ -249,7 +249,7 @@ def test_turning_residuals_into_the_fixed_platform_keeps_their_length():
 
 
 def test_a_step_is_found_with_its_line_and_size(excluded):
-    """From line 42 on the tracker sees everything 1 mm higher: nothing in the library does that."""
+    """After line 41 the tracker sees everything 1 mm higher: nothing in the library does that."""
     found = excluded
     assert found.judgement.verdict == "unknown"
     described_ = [item for item in found.remainder if item.step_after is not None]
@@ -266,7 +266,7 @@ def test_a_step_is_found_with_its_line_and_size(excluded):
     assert f"data: {flag.message}" in note_lines(small)
 
 
-def test_everything_is_written_and_the_model_comes_back(hot, written):
+def test_everything_is_written_and_the_model_can_be_read_back(hot, written):
     folder, paths = written
     assert {path.name for path in paths} == NAMES
     assert {path.name for path in folder.iterdir()} == NAMES
@@ -276,7 +276,7 @@ def test_everything_is_written_and_the_model_comes_back(hot, written):
     assert [path.name for path in folder.parent.iterdir()] == ["out"]
 
 
-def test_what_only_an_earlier_diagnosis_had_goes_with_it(hot, written, monkeypatch, undrawn, tmp_path):
+def test_files_that_only_an_earlier_diagnosis_had_are_removed(hot, written, monkeypatch, undrawn, tmp_path):
     folder = shutil.copytree(written[0], tmp_path / "out")
     (folder / "notes.txt").write_text("a person's")
     without = copy.copy(hot)

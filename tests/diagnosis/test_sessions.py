@@ -25,7 +25,7 @@ SESSION = np.repeat(np.arange(4), 15)
 
 
 def measured(folder, moved_mm):
-    """Write and read sixty places of the arm in four sessions, moved, (60, 3), by what turns of the flange make."""
+    """Write and read sixty poses of the arm in four sessions, moved by (60, 3) in mm, given the flange's rotations."""
     arm, rng = Robot.load(ARM), np.random.default_rng(0)
     drives = random_plan(arm, 60, 3).drives
     flange = arm.locate_drives(drives).sel(frame="flange")
@@ -42,7 +42,7 @@ def measured(folder, moved_mm):
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
-    """Each session is seen from a place of its own, 1 mm apart."""
+    """Each session sees the arm from another position, 1 mm apart."""
     return measured(tmp_path_factory.mktemp("sessions"), lambda _, rng: rng.normal(0.0, 1.0, (4, 3))[SESSION])
 
 
@@ -51,21 +51,21 @@ def found(campaign):
     return diagnose(campaign, RobotModel.for_robot(ARM))
 
 
-def test_a_shift_without_a_turn_is_the_device_that_stands_elsewhere(found):
+def test_a_shift_without_a_rotation_is_named_as_a_moved_instrument(found):
     assert (found.verdict, [e.cause.effect for e in found.effects]) == ("named", ["session_offset"])
     assert {p.parameter.unit for p in found.effects[0].parameters} == {"mm"}
     assert found.train.position("after") < 1.2e-3 * SIGMA_MM
-    moved = np.random.default_rng(0).normal(0.0, 1.0, (4, 3))[:3]  # d is held out
+    moved = np.random.default_rng(0).normal(0.0, 1.0, (4, 3))[:3]  # session d is held out
     told = found.effects[0].parameters[:9]
-    # Of a mean of 15 rows from one of 45, and hardly more by the frames; what all share is in no width.
+    # A mean of 15 rows against one of 45, and little more from the frames; the common part is in no interval.
     np.testing.assert_allclose([p.std for p in told], SIGMA_MM * np.sqrt(1 / 15 - 1 / 45), rtol=0.1)
     np.testing.assert_allclose([p.value for p in told], (moved - moved.mean(axis=0)).ravel(), atol=4 * told[0].std)
     said = "no other session shows what session_offset is in session d, which is held out"
     assert any(line.startswith(said) for line in note_lines(found))
 
 
-def test_a_target_that_slipped_on_the_flange_is_what_is_unknown(tmp_path):
-    """By half a millimetre, before the third session: it moves what is seen as the flange is turned."""
+def test_a_target_that_slipped_on_the_flange_is_described_as_unknown(tmp_path):
+    """By half a millimetre, before the third session: the shift in the tracker's axes turns with the flange."""
     slipped = [0.4, 0.3, 0.0] * (SESSION >= 2)[:, None]
     found = diagnose(measured(tmp_path, lambda turns, _: turns.apply(slipped)), RobotModel.for_robot(ARM))
     (left,) = found.remainder
@@ -74,26 +74,26 @@ def test_a_target_that_slipped_on_the_flange_is_what_is_unknown(tmp_path):
     assert any("slipped" in line for line in next_lines(found))
 
 
-def test_a_session_for_each_row_is_none(campaign):
+def test_a_session_for_each_row_is_no_session(campaign):
     found = diagnose(replace(campaign, sessions=[str(k) for k in range(len(campaign))]), RobotModel.for_robot(ARM))
     assert found.untestable["session_offset"] == ("session",)
     assert "60 sessions in 60 rows" in " ".join(map(str, found.flags))
 
 
-def test_a_start_that_other_rows_cannot_hold_is_none(found):
-    """As where a session is left out whole, or the forces of the rows that are left make two forms one."""
+def test_a_start_with_forms_the_rows_do_not_have_is_ignored(found):
+    """As where a whole session is left out, or the forces of the remaining rows make two forms one."""
     (item,) = found.hypothesis.items
     gone = replace(found.hypothesis, items=(replace(item, form="of_another_session"),))
     assert found.diagnoser.found(gone)[1].keys == found.hypothesis.keys
 
 
-def test_held_out_by_region_the_gap_closes(campaign):
+def test_with_a_region_held_out_the_gap_closes(campaign):
     found = diagnose(campaign, RobotModel.for_robot(ARM), DiagnosisOptions(hold_out="region"))
     assert found.held_out.position("after") < 1.5e-3 * SIGMA_MM
     assert not any("no other session shows" in line for line in note_lines(found))
 
 
-def test_what_crept_in_rows_without_times_is_for_no_other_command(tmp_path):
+def test_a_drift_in_rows_without_times_is_not_passed_to_other_commands(tmp_path):
     without = hidden(tmp_path, (Wanted("base_drift", 6.0, "a"),), rows=45).with_conditions(time=None)
     found = diagnose(without)
     assert [effect.cause.effect for effect in found.effects] == ["base_drift"]

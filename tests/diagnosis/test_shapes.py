@@ -19,7 +19,7 @@ LAG_S = 500.0
 
 
 def hidden(folder, form):
-    """Diagnose legs that grow, and return with it the campaign as the rig told it."""
+    """Diagnose legs that expand, and return the result with the campaign of the rig."""
     how = {"sessions": 1, "background": False, "full_pose": True, "spoilt": False, "rows": 70}
     made = make_campaign("single", 5, wanted=(Wanted("leg_thermal_expansion", 8.0, form),), **how)
     return made, diagnose(Campaign.read(write_case(folder, made) / "campaign.csv"))
@@ -31,7 +31,7 @@ def core(tmp_path_factory):
 
 
 def grown_mm(made, leg):
-    """What a leg grew by: its core follows skin and platform with a time constant, integrated row by row."""
+    """Expansion of a leg: its core follows skin and platform with a time constant, integrated row by row."""
     table = {name: np.array([float(row[name]) for row in made.rows]) for name in made.rows[0]}
     around = 0.85 * table[f"leg{leg}_degC"] + 0.15 * table["platform_degC"]
     core = around.copy()
@@ -41,7 +41,7 @@ def grown_mm(made, leg):
     return 1e-5 * size * table[f"q{leg}_mm"] * (core - made.settings["reference_temperature_degC"])
 
 
-def test_what_is_learned_is_what_the_machine_does(core):
+def test_the_learned_shape_is_what_the_machine_does(core):
     made, found = core
     (effect,) = found.firm
     shape = shape_of(found, effect)
@@ -52,8 +52,8 @@ def test_what_is_learned_is_what_the_machine_does(core):
     assert np.mean(np.abs(shape.learned - true) < 4.0 * shape.std) > 0.9
 
 
-def test_its_band_is_as_wide_as_what_tells_the_table(core, monkeypatch):
-    """Twice what covariances of a fourth say; drawn by Student's t, 2.57 deviations of five degrees of freedom."""
+def test_the_band_is_as_wide_as_the_standard_deviations_of_the_parameters(core, monkeypatch):
+    """Twice that of a fourth of the covariance; drawn by Student's t, 2.57 deviations at five degrees of freedom."""
     found = core[1]
     (effect,) = found.firm
     own = found.hypothesis.coefficients()[1]
@@ -66,17 +66,17 @@ def test_its_band_is_as_wide_as_what_tells_the_table(core, monkeypatch):
     np.testing.assert_allclose(np.sort(drawn[0]), np.sort(2.0 * 2.5706 * std), rtol=1e-4)
 
 
-def test_it_is_drawn_beside_the_textbooks(core):
+def test_it_is_drawn_next_to_the_textbooks_shape(core):
     drawn = dict(plots(core[1]))
     assert "main parameters alone" in next(svg for title, svg in drawn.items() if title.startswith("What each effect"))
 
 
-def test_a_textbook_effect_has_no_shape_of_its_own(tmp_path):
+def test_a_textbook_effect_has_no_learned_shape(tmp_path):
     _, found = hidden(tmp_path, "c")
     assert [shape_of(found, effect) for effect in found.firm] == [None]
 
 
-def test_what_an_effect_adds_is_told_from_its_parameters_as_from_the_columns_of_the_search(core):
+def test_what_an_effect_adds_is_the_same_from_its_parameters_and_from_the_columns_of_the_search(core):
     found = core[1]
     state, hypothesis = found.diagnoser.found(found.hypothesis)
     added = found.diagnoser.added(hypothesis, "leg_thermal_expansion", state.linear)

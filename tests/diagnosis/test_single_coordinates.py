@@ -19,7 +19,7 @@ UNSEEN = "mistakes in axes, signs or rows are not detected: 0 rows have a comple
 
 @pytest.fixture
 def campaign(tmp_path):
-    """Return what writes a campaign of places without some of their cells, given by row."""
+    """Return a function that writes a campaign of positions without some of their cells, given by row."""
 
     def written(missing):
         path = tmp_path / "c.csv"
@@ -35,14 +35,14 @@ def campaign(tmp_path):
 
 
 @pytest.mark.parametrize("missing", [lambda row: 2, lambda row: row % 3])
-def test_no_row_need_have_all_three(campaign, tmp_path, capsys, missing):
+def test_no_row_needs_all_three_coordinates(campaign, tmp_path, capsys, missing):
     assert main(["diagnose", campaign(missing), "--robot", ROBOT, "--out", str(tmp_path / "d")]) == 0
     assert UNSEEN in " ".join(capsys.readouterr().out.split())
     assert "<svg" in (tmp_path / "d" / "report.html").read_text(encoding="utf-8")
 
 
 def test_the_tool_is_known_in_the_base_where_a_coordinate_was_not_measured(campaign, tmp_path, capsys):
-    """In the tracker's axes it is as unknown as where the tracker stands along that coordinate: decimetres."""
+    """In the tracker's axes it is as unknown as the tracker's position along that coordinate: decimetres."""
     assert main(["calibrate", campaign(lambda row: 2), "--robot", ROBOT, "--out", str(tmp_path / "c")]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert UNSEEN in said
@@ -52,8 +52,8 @@ def test_the_tool_is_known_in_the_base_where_a_coordinate_was_not_measured(campa
     assert ladle["half_width95_mm"]["largest"] < 20.0
 
 
-def test_what_nobody_measured_is_suggested_to_nobody(campaign):
-    """A device that reads two coordinates of the target reads two of the next poses, and they are worth as much."""
+def test_coordinates_that_are_not_measured_are_not_suggested(campaign):
+    """An instrument that reads two coordinates of the target reads two in the next poses, and they count as two."""
     found = diagnose(Campaign.read(campaign(lambda row: 2), ROBOT))
     prospect = PredictedMeasurements(found, candidates(found.rows.campaign, found.model, 10, 0))
     assert prospect.components == 2

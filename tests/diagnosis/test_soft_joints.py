@@ -31,7 +31,7 @@ def bench():
 
 @pytest.fixture(scope="module")
 def campaign(bench, drawing):
-    """What is measured, with noise, of a machine whose closures yield to turning."""
+    """Measurements, with noise, of a machine whose closures yield in rotation."""
     mechanism, rng = soft_against_turning(stiff_drawing(), STIFFNESS), np.random.default_rng(4)
     before, behind = (pin.SE3(pin.exp3(frame[3:]), frame[:3]) for frame in (BASE, TARGET))
     rows = zip(bench.campaign.drives, bench.scene.payload_kg, strict=True)
@@ -43,26 +43,26 @@ def campaign(bench, drawing):
 
 @pytest.fixture(scope="module")
 def found(campaign):
-    """What is said of it."""
+    """The diagnosis of it."""
     return diagnose(campaign)
 
 
-def test_soft_joints_are_seen_and_not_named(found):
+def test_soft_joints_are_detected_and_not_named(found):
     assert found.hypothesis.items[0].form == "soft_joints"
     assert not found.effects
     assert found.verdict == "unknown"
     assert "soft joints" in found.judgement.reasons[0]
 
 
-def test_their_softness_is_found(found):
-    """Four of the six joints of a chain twist a leg, each as far: together as far as its closure does here."""
+def test_their_compliance_is_found(found):
+    """Four of the six joints of a chain twist a leg, all by the same amount: together as much as its closure here."""
     hypothesis, assumed = found.hypothesis, found.diagnoser.rows.conditions.robot.mechanism().loops.stiffness
     at = sum(len(weights) for weights in hypothesis.weights()[: -len(hypothesis.items)])
     softness = hypothesis.coefficients()[0][at] * hypothesis.scales[0].main / assumed.rotation.value
     assert 4.0 * softness == pytest.approx(1.0 / STIFFNESS, rel=0.02)
 
 
-def test_beside_a_cause_it_is_told_that_the_model_does_without_them(campaign, found):
+def test_with_a_cause_a_note_says_that_the_model_has_no_soft_joints(campaign, found):
     drives = np.array(campaign.drives)
     drives[:, 0] -= 1e-3
     other = diagnose(dataclasses.replace(campaign, drives=drives), options=DiagnosisOptions(next_count=0))
@@ -70,4 +70,4 @@ def test_beside_a_cause_it_is_told_that_the_model_does_without_them(campaign, fo
     assert other.train.position("after") > 1.2 * other.train.position("floor")
     (note,) = (line for line in note_lines(other) if "soft joints" in line)
     assert "not in the model" in note
-    assert not any("soft joints" in line for line in note_lines(found))  # of which that is the reason
+    assert not any("soft joints" in line for line in note_lines(found))  # there they are the reason for the verdict

@@ -52,8 +52,8 @@ def prediction(random, size, spread=1.0):
     return Prediction(random.normal(size=size), columns @ columns.T + np.eye(size))
 
 
-def test_what_varies_within_a_turn_of_the_screw_is_told_apart_as_that(tmp_path):
-    """Asked at the scale at which it was found: at the longest it would explain next to nothing."""
+def test_variation_within_a_turn_of_the_screw_is_distinguished_at_its_own_scale(tmp_path):
+    """The scale is the one at which it was found: the longest one would explain next to nothing."""
     turning = campaign(tmp_path, (Wanted("drive_cyclic", 5.0, "a"),), rows=60)
     found = diagnose(turning, None, DiagnosisOptions(exclude="drive_cyclic"))
     (described,) = {s.process.words for s in found.judgement.structures[:1]}
@@ -61,8 +61,8 @@ def test_what_varies_within_a_turn_of_the_screw_is_told_apart_as_that(tmp_path):
     assert described in {name for s in found.suggestion.separations for name in (s.first, s.second)}
 
 
-def test_a_robot_that_is_commanded_by_drives_is_told_drives(tmp_path):
-    """In words and in a plan that can be run: a place alone does not say how an arm is to stand."""
+def test_a_robot_commanded_by_drives_gets_suggestions_in_drives(tmp_path):
+    """In words and in a plan that can be run: a position alone does not determine the posture of an arm."""
     robot = Robot.load(DELTA)
     drives = np.array([0.3, -0.2, 0.1])
     pose = robot.location_at(drives).nominal.pose_base_to_end
@@ -75,7 +75,7 @@ def test_a_robot_that_is_commanded_by_drives_is_told_drives(tmp_path):
     assert dataclasses.replace(one, conditions=sides).words.endswith(", approached +-+")
 
 
-def test_worth_between_two_means_is_half_the_squared_distance():
+def test_expected_evidence_between_two_means_is_half_the_squared_distance():
     random = np.random.default_rng(1)
     first = prediction(random, 6)
     second = Prediction(first.mean + np.arange(6.0), first.covariance)
@@ -84,7 +84,7 @@ def test_worth_between_two_means_is_half_the_squared_distance():
     assert divergence(first, first) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_worth_is_the_mean_log_evidence_of_what_is_drawn():
+def test_expected_evidence_is_the_mean_log_evidence_of_draws():
     random = np.random.default_rng(2)
     right, other = prediction(random, 3), prediction(random, 3)
     drawn = random.multivariate_normal(right.mean, right.covariance, 200_000)
@@ -96,7 +96,7 @@ def test_worth_is_the_mean_log_evidence_of_what_is_drawn():
     assert divergence(right, other) == pytest.approx((log_density(right) - log_density(other)).mean(), rel=0.02)
 
 
-def test_what_single_measurements_add_sums_to_the_worth_of_the_set():
+def test_gains_of_single_measurements_sum_to_the_expected_evidence_of_the_set():
     random = np.random.default_rng(3)
     predictions = [prediction(random, 60, 3.0) for _ in range(3)]
     pairs = [(0, 1), (0, 2)]
@@ -106,7 +106,7 @@ def test_what_single_measurements_add_sums_to_the_worth_of_the_set():
     np.testing.assert_allclose(found.gains.sum(axis=0), together, rtol=1e-9)
 
 
-def test_a_pair_that_nothing_tells_apart_does_not_hide_the_others():
+def test_an_indistinguishable_pair_does_not_hide_the_others():
     random = np.random.default_rng(5)
     first, other = prediction(random, 30), prediction(random, 30, 3.0)
     alone = choose([first, other], [(0, 1)], 3, 5)
@@ -126,7 +126,7 @@ def test_first_choice_is_the_best_single_measurement():
 
 @pytest.fixture(scope="module")
 def trapped(tmp_path_factory):
-    """Return the machine of a trap, and the diagnosis of what is measured in it, which is made once."""
+    """Return the machine of a trap and the diagnosis of its measurements, which is made once."""
 
     @functools.cache
     def of(trap):
@@ -137,7 +137,7 @@ def trapped(tmp_path_factory):
 
 
 @pytest.mark.parametrize("trap", TRAPS)
-def test_measuring_what_is_suggested_tells_confounded_effects_apart(trap, trapped, tmp_path):
+def test_measuring_what_is_suggested_distinguishes_confounded_effects(trap, trapped, tmp_path):
     effect, words = TRAPS[trap]
     machine, before = trapped(trap)
     assert before.judgement.verdict == "group"
@@ -162,8 +162,8 @@ def test_measuring_what_is_suggested_tells_confounded_effects_apart(trap, trappe
 
 
 @pytest.mark.parametrize("trap", ["constant_temperature", "tilt_held"])
-def test_few_rows_that_tell_much_are_no_gross_errors(trap, trapped, tmp_path):
-    """They are far from all that the others foretell; but no other row was measured as they are."""
+def test_few_informative_rows_are_no_gross_errors(trap, trapped, tmp_path):
+    """They are far from all that the others predict; but no other row was measured as they are."""
     effect, _ = TRAPS[trap]
     machine, before = trapped(trap)
     suggested = suggest_measurements(before, count=4)
@@ -173,7 +173,7 @@ def test_few_rows_that_tell_much_are_no_gross_errors(trap, trapped, tmp_path):
 
 
 def worth_alone(campaign, noise):
-    """Return what says how much better an effect alone explains all rows than nothing does, in nats."""
+    """Return a function for how much better an effect alone explains all rows than nothing does, in nats."""
     rows = CampaignRows(campaign, RobotModel(), noise)
     library = Library.of(rows, chosen_effects())
     diagnoser = Diagnoser(rows, library, np.ones(len(rows), dtype=bool))
@@ -191,7 +191,7 @@ def confounded(trapped):
 
 @pytest.fixture(scope="module")
 def four(confounded):
-    """What to measure next, where there is time for four measurements."""
+    """What to measure next, with time for four measurements."""
     return suggest_measurements(confounded, count=4, seed=5)
 
 
@@ -214,7 +214,7 @@ def test_suggestions_can_be_commanded_and_written(confounded, four):
     assert len({m.rank for m in found.measurements}) == 4
 
 
-def test_no_suggestion_says_of_nothing_that_no_pose_tells_it(confounded, four):
+def test_a_request_for_no_measurements_gives_no_pairs_either(confounded, four):
     """The pairs were there, each with "no pose tells them apart", though four measurements do."""
     assert four.separations
     none = suggest_measurements(confounded, count=0)
@@ -234,7 +234,7 @@ def test_same_seed_same_suggestion(confounded):
 
 
 @pytest.mark.parametrize(("made", "verdict"), [("nothing", "no_gap"), ("excluded", "unknown"), ("hot", "named")])
-def test_every_verdict_has_something_to_tell_apart(made, verdict, request):
+def test_every_verdict_has_something_to_distinguish(made, verdict, request):
     diagnosis = request.getfixturevalue(made)
     assert diagnosis.judgement.verdict == verdict
     found = diagnosis.suggestion
@@ -247,8 +247,8 @@ def test_every_verdict_has_something_to_tell_apart(made, verdict, request):
     ("now", "more", "says"),
     [(48.0, 0.9, "no measurement is needed"), (48.0, 3.5, "1 measurement to"), (2.0, 0.9, "1 measurement to")],
 )
-def test_measurements_that_add_nothing_to_what_is_known_are_not_listed(hot, monkeypatch, now, more, says):
-    """By the odds that the line itself gives for a yardstick: 3 nats."""
+def test_measurements_that_add_little_to_what_is_known_are_not_listed(hot, monkeypatch, now, more, says):
+    """The yardstick is the 3 nats of odds that the line itself names."""
     known = dataclasses.replace(hot.suggestion.separations[0], now_nats=now, expected_nats=more)
     few = dataclasses.replace(
         hot.suggestion, measurements=hot.suggestion.measurements[:1], separations=(known,), expected_nats=more
@@ -260,7 +260,7 @@ def test_measurements_that_add_nothing_to_what_is_known_are_not_listed(hot, monk
     assert f"{now:.0f} nats apart or more, and 1 measurement would" in line or listed
 
 
-def test_what_weight_cannot_do_to_upright_axes_is_not_advised_to_be_weighed(tmp_path):
+def test_no_weights_are_suggested_where_gravity_cannot_act_on_upright_axes(tmp_path):
     write(tmp_path, MACHINES["five_bar"], seed=3, effect="null")
     model = RobotModel.for_robot(ROOT / "examples" / "robots" / "five_bar" / "robot.yaml")
     found = diagnose(Campaign.read(tmp_path / "campaign.csv", model.definition).subset(np.arange(40)), model)
@@ -268,7 +268,7 @@ def test_what_weight_cannot_do_to_upright_axes_is_not_advised_to_be_weighed(tmp_
     assert hidden and not any("drive_compliance" in line or "empty and full" in line for line in hidden)
 
 
-def test_columns_that_new_rows_do_not_change_are_held_once(confounded):
+def test_columns_that_new_rows_do_not_change_share_memory(confounded):
     prospect = PredictedMeasurements(confounded, candidates(confounded.rows.campaign, confounded.model, 10, 0))
     before = {item.key: item.columns for item in confounded.hypothesis.problem.explanations}
     same = {
@@ -277,10 +277,10 @@ def test_columns_that_new_rows_do_not_change_are_held_once(confounded):
         if item.key in before
     }
     assert same["joint_centre_offset"] and same["joint_axis_tilt"] and same["drive_scale"]
-    assert not same["base_drift"]  # it steadies over all rows, and new ones come hours later
+    assert not same["base_drift"]  # its columns depend on the times of all rows, and new rows come hours later
 
 
-def test_sides_are_suggested_of_the_drives_of_which_a_campaign_says_them(confounded):
+def test_sides_of_approach_are_suggested_for_the_drives_for_which_a_campaign_has_them(confounded):
     campaign = confounded.rows.campaign
     partly = np.where(np.arange(4) == 1, np.ones((len(campaign), 4)), np.nan)
     for sides, told in ((partly, [False, True, False, False]), (None, None)):
@@ -288,15 +288,15 @@ def test_sides_are_suggested_of_the_drives_of_which_a_campaign_says_them(confoun
         assert (found if found is None else np.isfinite(found).all(axis=0).tolist()) == told
 
 
-def test_no_melt_is_asked_for_in_an_empty_ladle(confounded):
-    """Parts may be hot all the same: just after it was poured out."""
+def test_no_melt_is_suggested_in_an_empty_ladle(confounded):
+    """Parts may still be hot just after it was poured out."""
     asked = candidates(confounded.rows.campaign, confounded.model, 60, 0).conditions
     empty = asked["payload"] == 0.0
     assert empty.any() and not (asked["melt"][empty] > 100.0).any() and (asked["melt"] > 100.0).any()
     assert (asked["leg1"][empty] > 100.0).any()
 
 
-def test_words_name_what_the_campaign_held_still(confounded):
+def test_words_name_what_the_campaign_held_constant(confounded):
     conditions = confounded.rows.conditions
     effects = chosen_effects()
     words = separating_words("drive_zero_offset", "drive_backlash", effects, conditions)
@@ -308,7 +308,7 @@ def test_words_name_what_the_campaign_held_still(confounded):
     assert "hours later" in separating_words("base_drift", "metrology_scale", effects, conditions, tells=False)
 
 
-def test_what_to_record_is_said_once_a_condition():
+def test_a_condition_to_be_recorded_is_named_once():
     lines = untestable_words(
         {"leg_compliance": ("legs_force",), "tilt_drive_compliance": ("tilt_force",)}, RobotModel().definition
     )

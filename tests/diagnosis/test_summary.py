@@ -1,4 +1,4 @@
-"""The results of a diagnosis, in figures and in words."""
+"""What a diagnosis reports, in figures and in words."""
 
 import json
 import math
@@ -71,7 +71,7 @@ def words(diagnosis):
     return "\n".join(line for _, lines in sections(diagnosis, short=False) for line in lines)
 
 
-def test_the_figures_keep_the_contract(hot):
+def test_the_figures_have_all_keys(hot):
     figures = json.loads(json.dumps(diagnosis_metrics(hot, "out/model.yaml"), allow_nan=False))
     assert figures.keys() >= CONTRACT
     assert figures["verdict"] == "named"
@@ -106,7 +106,7 @@ def test_exact_data_of_the_drawing_have_no_structure(drawing):
     assert any("stands for it: state it (sigma_position_mm" in line for line in note_lines(found))
 
 
-def test_a_gap_is_over_the_lengths_there_are():
+def test_a_gap_is_averaged_over_the_lengths_measured():
     """Two values of x, one of y that the frames absorb, one closure: 3, 4, 0 and 5 by hand."""
     size = 1e-3 * np.array([math.sqrt(12.5), 0.0, math.nan, 1.0, 1.0, 1.0, math.nan, 5.0])
     gap = Gap(2, size, size / 2.0, np.full(8, 1e-4), np.array([2, 1, 0, 2, 2, 2, 0, 1]))
@@ -118,8 +118,8 @@ def test_a_gap_is_over_the_lengths_there_are():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_what_is_worse_is_told_by_all_values(seed):
-    """Each over its noise, rotations and distances too; by hand, value by value."""
+def test_a_worse_model_is_detected_from_all_values(seed):
+    """Each divided by its noise, rotations and distances too; by hand, value by value."""
     random = np.random.default_rng(seed)
     sigma, counts = random.uniform(1e-5, 1e-3, 8), random.integers(0, 9, 8)
     kept = random.integers(0, 2, 3).repeat((3, 3, 2)).astype(bool) | (counts > 6)  # whole kinds may be missing
@@ -133,8 +133,8 @@ def test_what_is_worse_is_told_by_all_values(seed):
     assert Gap(9, before, after, sigma, counts).worse == (math.sqrt(squares[1]) > 1.05 * math.sqrt(squares[0]))
 
 
-def test_a_model_that_turns_worse_is_not_to_be_used(hot):
-    """Rotations alone tell it: where nothing else was measured, and where places are as they were."""
+def test_a_model_with_worse_rotations_is_not_to_be_used(hot):
+    """Rotations alone suffice: where nothing else was measured, and where positions are unchanged."""
     gap = hot.held_out
     turned = np.where(np.arange(len(gap.before)) < 3, gap.before, 2.0 * gap.before)
     for counts in (gap.counts, np.where(np.arange(len(gap.counts)) < 3, 0, gap.counts)):
@@ -151,7 +151,7 @@ def test_a_model_that_turns_worse_is_not_to_be_used(hot):
     ],
 )
 @pytest.mark.parametrize("refused", ["", "no credible robot"])
-def test_the_gap_says_what_was_not_measured_in_the_rows_held_out(hot, kept, said, refused, monkeypatch):
+def test_the_gap_reports_what_was_not_measured_in_the_held_out_rows(hot, kept, said, refused, monkeypatch):
     counts = np.zeros(6, dtype=int)
     counts[kept] = hot.held_out.counts[kept]
     gap = replace(hot.held_out, counts=counts)
@@ -165,7 +165,7 @@ def test_the_gap_says_what_was_not_measured_in_the_rows_held_out(hot, kept, said
 @pytest.mark.parametrize(
     ("left", "said"), [(2.0, "none"), (1.001, "none"), (0.999, "none"), (0.5, r"\d\d %"), (0.0, "all")]
 )
-def test_of_a_gap_that_grew_no_negative_share_is_closed(hot, left, said):
+def test_a_gap_that_grew_has_no_negative_share_closed(hot, left, said):
     gap = hot.held_out
     after = np.sqrt(gap.floor**2 + left**2 * (gap.before**2 - gap.floor**2))
     sentence = gap_sentence(replace(hot, held_out=replace(gap, after=after)))
@@ -179,7 +179,7 @@ def test_the_headline_names_the_effect_and_how_sure_it_is(hot):
     assert "warm legs are longer" in words(hot)
 
 
-def test_as_many_forms_are_named_as_there_are():
+def test_all_forms_found_are_named():
     items = [SimpleNamespace(form=form) for form in ("a_alone", "b_alone", "all")]
     diagnosis = SimpleNamespace(hypothesis=SimpleNamespace(items=items))
     for indices, said in (((0, 1), "forms 'a alone', 'b alone'"), ((1, 2), "form 'b alone'"), ((2,), "")):
@@ -187,7 +187,7 @@ def test_as_many_forms_are_named_as_there_are():
         assert form_text(diagnosis, SimpleNamespace(cause=cause)) == said
 
 
-def test_a_near_miss_is_said_where_nothing_is_named(nothing, monkeypatch):
+def test_a_near_miss_is_reported_where_nothing_is_named(nothing, monkeypatch):
     assert not [line for line in next_lines(nothing) if line.startswith("not certain enough")]
     monkeypatch.setattr(Findings, "spare", {"drive_scale": 3.2, "base_drift": 2.9})
     (said,) = [line for line in next_lines(nothing) if line.startswith("not certain enough")]
@@ -201,8 +201,8 @@ def test_no_gap_names_nothing(nothing):
     assert "which effect" not in dict(sections(nothing))
 
 
-def test_causes_do_in_the_robot_what_they_were_found_for(hot):
-    """The state that the diagnosis ends with leaves what is foretold; the given model leaves the whole gap."""
+def test_a_state_without_its_causes_is_not_believed(hot):
+    """The final state leaves the predicted residual; the given model leaves the whole gap."""
     ended = hot.diagnoser._state(hot.after.parameters, hot.after.values, hot.after.frames)
     assert _unsettled(ended, hot.hypothesis, Thresholds()) == ""
     said = _unsettled(hot.diagnoser.at_rest(), hot.hypothesis, Thresholds())
@@ -210,7 +210,7 @@ def test_causes_do_in_the_robot_what_they_were_found_for(hot):
     assert float(said.split(" times the noise")[0].split()[-1]) > 1.5
 
 
-def test_what_may_not_be_named_is_unknown_and_described(excluded):
+def test_an_effect_that_may_not_be_named_is_unknown_and_described(excluded):
     figures = diagnosis_metrics(excluded, "m")
     assert figures["verdict"] == "unknown"
     assert excluded.headline.startswith("UNKNOWN")
@@ -219,22 +219,22 @@ def test_what_may_not_be_named_is_unknown_and_described(excluded):
     assert figures["reasons"]
     firm, nearest = ({e["effect"] for e in figures[key]} for key in ("effects", "nearest"))
     assert not firm & nearest
-    # At a prompt, too, what may only stand in for the unknown is not sure.
+    # At a prompt, too, an effect that may only stand in for the unknown is not called sure.
     assert nearest and {e.cause.effect for e in excluded.effects if "sure" not in repr(e)} == nearest
     assert all("may stand in for something unknown" in repr(e) for e in excluded.nearest)
-    # The machine is faultless: what is no noise is the step, whatever known effects take up of it.
+    # The machine is faultless: apart from noise the gap is the step, whatever part known effects absorb.
     step = np.sqrt(excluded.hypothesis.problem.given_size**2 - 1.0)
     assert figures["unknown_size_in_noise"] == pytest.approx(step, rel=0.05)
     assert f"by {step:.1f} times the noise" in excluded.headline
 
 
-def test_nothing_said_is_longer_than_it_must_be(hot, nothing, excluded):
+def test_lines_and_sections_are_short(hot, nothing, excluded):
     for diagnosis in (hot, nothing, excluded):
         assert all("\n" not in line for _, lines in sections(diagnosis) for line in lines)
         assert len(sections(diagnosis)) <= 7
 
 
-def test_a_group_says_what_looks_alike_and_what_would_tell(hot):
+def test_a_group_is_reported_with_what_would_distinguish_it(hot):
     (effect,) = hot.firm
     cause = replace(effect.cause, alternatives=("drive_scale",))
     judgement = replace(hot.judgement, verdict="group", causes=(cause,))
@@ -248,7 +248,7 @@ def test_a_group_says_what_looks_alike_and_what_would_tell(hot):
     ({"leg_thermal_expansion": 2}, True),
     ({}, True),
 ])  # fmt: skip
-def test_the_headline_tells_what_few_parts_of_the_rows_find(hot, found, said):
+def test_the_headline_reports_a_cause_found_in_few_blocks_only(hot, found, said):
     turns = CrossValidatedGap(5, hot.held_out, 1e-5, 0, found)
     turned = replace(hot, in_turn=turns)
     headline = turned.headline
@@ -265,7 +265,7 @@ def test_the_headline_tells_what_few_parts_of_the_rows_find(hot, found, said):
     assert turns.tempered(workmanship) == workmanship
 
 
-def test_measurements_that_tell_nothing_are_not_listed(hot):
+def test_measurements_that_distinguish_nothing_are_not_listed(hot):
     (effect,) = hot.firm
     pair = Separation(effect.cause.effect, "drive_scale", 0.0, 1.0, 0.5, "measure cold and hot")
     cause = replace(effect.cause, alternatives=("drive_scale",))
@@ -310,7 +310,7 @@ def test_an_unknown_may_be_what_could_not_be_tested(excluded):
     assert not any("make testable" in one for one in next_lines(replace(excluded, untestable={})))
 
 
-def test_what_goes_by_the_pose_may_be_weight_where_no_masses_are_known(diagnosed, hot):
+def test_a_cause_that_depends_on_the_pose_may_be_weight_where_no_masses_are_known(diagnosed, hot):
     """A joint's first order in its own angle is also what the weight of the link behind it does to a soft drive."""
     untestable = {"joint_compliance": ("joint_moments",), "truss_deflection": ("truss_span_m",)}
     line = (
@@ -319,12 +319,12 @@ def test_what_goes_by_the_pose_may_be_weight_where_no_masses_are_known(diagnosed
     )
     zeros = diagnosed(ZEROS)
     assert line in next_lines(replace(zeros, untestable=untestable))
-    for other in (zeros, replace(hot, untestable=untestable)):  # the masses are known; heat goes by thermometers
+    for other in (zeros, replace(hot, untestable=untestable)):  # the masses are known; heat depends on thermometers
         assert not any("make testable" in one for one in next_lines(other))
 
 
-def test_a_value_that_no_machine_has_is_told(hot):
-    """Legs do not shrink when they are warm; what noise puts there, or the model had already, is not spoken of."""
+def test_a_value_that_is_physically_impossible_is_reported(hot):
+    """Legs do not shrink when warm; a value within the noise, or already in the model, is not reported."""
     (effect,) = hot.effects
     (main, *others), words = effect.parameters, "physically impossible: expansion; something else acts there"
 
@@ -358,7 +358,7 @@ def test_every_effect_is_drawn_over_something(nothing):
 
 
 def test_lines_of_gross_errors_are_those_of_the_file(tmp_path):
-    """A copy is left out, too, and is none; nor is a drive beyond its limits, of which it is said how far it is."""
+    """A duplicate row is left out but is no gross error, nor is a drive beyond its limits, reported with its excess."""
     data = campaign(tmp_path, NOTHING, rows=60)
     lines = (tmp_path / "campaign.csv").read_text().splitlines()
     place = lines[0].split(",").index("z_mm")
@@ -385,7 +385,7 @@ def test_lines_of_gross_errors_are_those_of_the_file(tmp_path):
         (-4e-4, 0.05, ("+0.000", "0.098")),
     ],
 )
-def test_a_value_has_the_digits_its_interval_deserves(value, std, shown):
+def test_a_value_has_the_digits_that_its_interval_supports(value, std, shown):
     parameter = EffectParameter("l1_offset", "mm", 1.0, {})
     assert value_and_half_width(value, std, math.inf) == shown
     assert parameter_text("l1_offset", FoundParameter(parameter, value, std)) == f"l1 offset {shown[0]} ± {shown[1]} mm"
@@ -402,8 +402,8 @@ def test_the_table_has_no_empty_columns_and_none_without_a_unit(tmp_path, hot):
     assert diagnosis_metrics(positions, "m")["gap"]["held_out"]["after_rms_mrad"] is None
 
 
-def test_a_shift_at_the_lip_is_what_two_robots_differ_by(tmp_path):
-    """The found drive offsets put into a robot file, and that robot closed one pose at a time."""
+def test_a_shift_at_the_lip_is_the_difference_of_two_robots(tmp_path):
+    """The drive offsets found are put into a robot file, and that robot is closed one pose at a time."""
     found = diagnose(campaign(tmp_path, ZEROS, rows=40))
     (effect,) = found.effects
     values = dict(zip(map(id, found.after.parameters), found.after.values.tolist(), strict=True))
@@ -443,7 +443,7 @@ def test_the_result_is_one_line_at_a_prompt_and_a_table_in_a_notebook(hot, tmp_p
         hot.save(tmp_path / "out")
 
 
-def test_what_each_row_leaves_over_makes_the_gap(hot):
+def test_the_residuals_of_the_rows_make_the_gap(hot):
     found, (effect,) = hot.to_dataset(), hot.effects
     assert {str(found[name].attrs["units"]) for name in found} == {"m or rad, see 'unit'"}
     assert found.sizes == {"row": len(hot.campaign), "component": 6} and list(found.unit.values[2:4]) == ["m", "rad"]
@@ -457,8 +457,8 @@ def test_what_each_row_leaves_over_makes_the_gap(hot):
     assert len(repr(effect.parameters[0])) < 300
 
 
-def test_the_thresholds_given_decide_what_is_told(excluded):
-    """What counts as structure and what as beaten follows from the thresholds of the diagnosis, here from none."""
+def test_the_thresholds_given_decide_what_is_reported(excluded):
+    """What counts as structure and as beaten follows from the thresholds of the diagnosis; here they are extreme."""
     deaf = replace(excluded.judgement, thresholds=Thresholds(false_names=5e-324), tried=10**308)
     assert excluded.remainder
     assert deaf.clear_structures == tuple(s for s in deaf.structures if s.evidence > deaf.structure_evidence)
@@ -467,8 +467,8 @@ def test_the_thresholds_given_decide_what_is_told(excluded):
     assert not replace(deaf, challenges=()).beaten
 
 
-def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):
-    """Where the noise is stated nothing changes; 30 differences of repeats make chance more likely."""
+def test_noise_from_repeats_is_as_uncertain_as_their_number_makes_it(hot):
+    """With a stated noise nothing changes; with 30 differences of repeats chance is more probable."""
     stated = free_residuals(hot.diagnoser.at_rest(), hot.rows)
     assert stated.noise.dof == np.inf
     noise = NoiseLevel(hot.noise.kinds | {"position": replace(hot.noise["position"], source="repeats", dof=30.0)})
@@ -479,8 +479,8 @@ def test_noise_from_repeats_is_no_better_known_than_they_make_it(hot):
 
 
 @pytest.mark.parametrize(("again", "told"), [([0, 0, 1, 1, 1, 2], True), ([0, 0, 1, 2, 1], False)])
-def test_repeats_that_follow_each_other_may_not_hold_the_repeatability(hot, again, told):
-    """Of three readings of each pose of a real arm 0.001 mm came out as noise, and no model foretold other rows."""
+def test_repeats_that_follow_each_other_may_not_show_the_repeatability(hot, again, told):
+    """Three readings of each pose of a real arm gave a noise of 0.001 mm, and no model predicted other rows."""
     noise = NoiseLevel(hot.noise.kinds | {"position": replace(hot.noise["position"], source="repeats")})
     lines = note_lines(replace(hot, noise=noise, campaign=hot.campaign.subset(np.array(again))))
     assert any("all repeats follow each other" in line for line in lines) == told
@@ -492,7 +492,7 @@ def worse(diagnosis):
     return replace(diagnosis, held_out=replace(gap, before=gap.after, after=gap.before))
 
 
-def test_a_model_that_is_worse_on_held_out_rows_says_so(hot, tmp_path, capsys):
+def test_a_model_that_is_worse_on_held_out_rows_is_reported_as_such(hot, tmp_path, capsys):
     assert not hot.worse
     diagnosis = worse(hot)
     assert diagnosis.worse
@@ -509,7 +509,7 @@ def test_a_model_that_is_worse_on_held_out_rows_says_so(hot, tmp_path, capsys):
         with pytest.warns(UserWarning) as told:
             Robot(given)
         assert "do not use it" in str(told[0].message)
-    QUIET.set(False)  # commands that ran before in this process may have been told to say nothing
+    QUIET.set(False)  # commands that ran before in this process may have been made quiet
     _print(diagnosis)
     said = capsys.readouterr().out
     assert said.index("do not use this model") < said.index("fitted"), "before the table of the gap"
@@ -518,8 +518,8 @@ def test_a_model_that_is_worse_on_held_out_rows_says_so(hot, tmp_path, capsys):
     assert [diagnosis_metrics(one, "model.yaml")["worse"] for one in (hot, diagnosis)] == [False, True]
 
 
-def test_what_stands_still_is_marked_too_where_held_out_rows_speak_against_it(diagnosed):
-    """Nothing else is learned that depends on the campaign. A model that stays as it was given has no mark."""
+def test_constant_displacements_are_marked_too_where_held_out_rows_speak_against_them(diagnosed):
+    """Nothing else that was learned depends on the campaign. A model that stays as given has no mark."""
     found = diagnosed(ZEROS)
     still, refused = worse(found).amended, replace(worse(found), train=worse(found).held_out)
     assert all(entry.placed for entry in still.effects) and not found.amended.learned
@@ -538,11 +538,11 @@ def test_what_stands_still_is_marked_too_where_held_out_rows_speak_against_it(di
         (0.5, "50 % sure"),
     ],
 )
-def test_nobody_is_a_hundred_percent_sure(probability, words):
+def test_no_probability_is_reported_as_a_hundred_percent(probability, words):
     assert sure_text(probability) == words
 
 
-def test_a_noise_that_the_found_cause_comes_down_to_is_not_called_too_small(diagnosed):
+def test_a_noise_that_the_found_cause_reaches_is_not_called_too_small(diagnosed):
     hot = diagnosed(HOT)
     flag = flagged(hot.campaign, FlagCode.NOISE_TOO_SMALL, "the stated noise is too small")
     gap = hot.train
@@ -552,8 +552,8 @@ def test_a_noise_that_the_found_cause_comes_down_to_is_not_called_too_small(diag
     assert f"data: {flag.message}" in note_lines(unexplained)
 
 
-def test_workmanship_beside_a_cause_is_told_with_its_size(diagnosed):
-    """The rig's centres are off by 15 um, its axes by 10 urad; sizes are found to a step of two."""
+def test_workmanship_is_reported_with_its_size_where_there_is_a_cause(diagnosed):
+    """The rig's centres are off by 15 um, its axes by 10 urad; sizes are found to a factor of two."""
     (told,) = [line for line in note_lines(diagnosed(HOT, background=True)) if "workmanship" in line]
     found = re.fullmatch(r"in addition, workmanship: .* by about (\S+) mm and (\S+) mrad \(standard deviation\)", told)
     assert 0.5 <= float(found[1]) / 0.015 <= 2.0
@@ -562,7 +562,7 @@ def test_workmanship_beside_a_cause_is_told_with_its_size(diagnosed):
 
 
 def test_a_headline_says_where_workmanship_makes_more_of_the_gap(tmp_path):
-    """A scale of half of the noise on a machine whose centres are off by 60 um: who is told of the scale is misled."""
+    """A tracker scale of half the noise and centres off by 60 um: the scale alone would mislead the reader."""
     scale = (Wanted("metrology_scale", 1.5, "a"),)
     about = {"rows": 100, "sessions": 3, "background": True, "full_pose": True, "spoilt": False}
     made = make_campaign("single", 3, wanted=scale, workmanship=4.0, **about)
@@ -575,7 +575,7 @@ def test_a_headline_says_where_workmanship_makes_more_of_the_gap(tmp_path):
     assert not [line for line in note_lines(told) if "workmanship" in line]  # once is enough
 
 
-def test_a_stated_noise_that_is_too_small_is_told_as_such(nothing):
+def test_a_stated_noise_that_is_too_small_is_reported_as_such(nothing):
     data = nothing.campaign
     halves = {key: 0.5 * getattr(data.metadata, key) for key in ("sigma_position_m", "sigma_rotation_rad")}
     stated = data.metadata.model_copy(update=halves)
@@ -594,10 +594,10 @@ def test_a_stated_noise_that_is_too_small_is_told_as_such(nothing):
     ("kind", "key", "unit"),
     [("position", "sigma_position_m", "mm"), ("rotation", "sigma_rotation_rad", "mrad"), ("", "", "")],
 )
-def test_a_noise_that_is_too_small_of_one_kind_is_told_as_that(kind, key, unit):
-    """Errors of many joints, 0.05 mm and 0.05 mrad of noise, a fifth stated of one of them, or of none.
+def test_a_stated_noise_that_is_too_small_for_one_kind_is_reported_with_it(kind, key, unit):
+    """Errors of many joints, noise of 0.05 mm and 0.05 mrad; a fifth is stated for one of them, or for none.
 
-    Found under the noise that there is, the model is as good as where that is stated.
+    The search repeated under the actual noise gives as good a model as where that is stated.
     """
     data = measure(PouringRobot.load(ACTUAL), count=60, seed=3).campaign
     stated = {key: 10e-6} if kind else {}
@@ -621,8 +621,8 @@ def test_a_noise_that_is_too_small_of_one_kind_is_told_as_that(kind, key, unit):
     assert figures["noise"][f"{kind}_{unit}"] == pytest.approx(0.01)
 
 
-def test_what_a_larger_noise_leaves_clear_is_no_noise(tmp_path):
-    """Beside four causes that are not there refraction scatters like a noise; with less beside it follows the pose."""
+def test_clear_structure_under_a_larger_noise_is_not_called_noise(tmp_path):
+    """With four false causes refraction scatters like a noise; with fewer it depends on the pose."""
     found = diagnose(write_case(tmp_path, case(386, 98, wide=True)) / "campaign.csv")
     assert found.judgement.verdict == "unknown"
     assert found.noise_left is None
@@ -631,8 +631,8 @@ def test_what_a_larger_noise_leaves_clear_is_no_noise(tmp_path):
     )
 
 
-def test_joints_are_named_beside_a_noise_that_is_stated_too_small():
-    """Errors of many joints, 0.05 mm of noise, 0.02 mm stated: the model must not stay as it was."""
+def test_joints_are_named_although_the_stated_noise_is_too_small():
+    """Errors of many joints, noise of 0.05 mm, stated 0.02 mm: the model must not stay as it was."""
     data = measure(PouringRobot.load(ACTUAL), count=60, seed=3).campaign
     found = diagnose(replace(data, metadata=data.metadata.model_copy(update={"sigma_position_m": 2e-5})))
     assert found.headline.startswith("UNKNOWN: the residuals scatter from row to row, like noise of")
@@ -640,7 +640,7 @@ def test_joints_are_named_beside_a_noise_that_is_stated_too_small():
     assert found.held_out.closed > 0.9  # of 0.97, as the floor is the stated noise
 
 
-def test_what_is_to_be_read_with_care_is_said_whether_or_not_parameters_say_anything_together(hot, monkeypatch):
+def test_cautions_of_an_effect_are_printed_with_or_without_words_on_its_parameters_together(hot, monkeypatch):
     (effect,) = hot.firm
     known = type(hot.diagnoser.library.effects[effect.cause.effect])
     monkeypatch.setattr(known, "to_read_with_care", lambda self, given: ("the sun shone",))

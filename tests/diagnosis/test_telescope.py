@@ -24,7 +24,7 @@ SLOPE, OFFSET, NOISE = -105.0, -320.0, 40.0
 
 
 def tables(folder, seed, *, slope=SLOPE, offset=OFFSET, flexure=0.0, lowest_deg=60.0, exposures=4, air_k=1.0):
-    """Write two tables in the observers' format; the first has every night at its own temperatures."""
+    """Write two tables in the observers' format; in the first every night has its own temperatures."""
     rng = np.random.default_rng(seed)
     folder.mkdir(exist_ok=True)
     lines = ["#T_NNT CIN CIW CIC CIE CIS expmin psf psf psf psf psf psf gauss T_mirrorNIB T_trussmean date AZ EL", ""]
@@ -60,7 +60,7 @@ def findings(folder):
 
 @pytest.fixture(scope="module")
 def printed(folder):
-    """The report as JSON, by the command in a process of its own, run as a script outside the checkout."""
+    """The report as JSON, by the command in a separate process, run as a script outside the checkout."""
     script = ROOT / "examples" / "telescope_focus" / "diagnose.py"
     command = [sys.executable, str(script), str(folder), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
@@ -69,7 +69,7 @@ def printed(folder):
     return json.loads(done.stdout)
 
 
-def test_reader_takes_the_columns_by_place(folder):
+def test_the_reader_takes_columns_by_position(folder):
     rows = read_first(folder)
     assert len(rows) == 32
     words = (folder / FIRST_FILE).read_text().splitlines()[2].split()
@@ -99,7 +99,7 @@ def test_noise_is_found_from_the_rows(printed):
     assert abs(noise["mean_um"] - NOISE) < 3.0 * noise["std_um"] < 30.0
 
 
-def test_what_is_left_shrinks_to_the_noise(printed):
+def test_the_residual_shrinks_to_the_noise(printed):
     left = [step["residual_std_um"] for step in printed["gap"]["train"]]
     assert [step["with"] for step in printed["gap"]["train"]][1] == ["truss_expansion"]
     assert left == sorted(left, reverse=True)
@@ -109,7 +109,7 @@ def test_what_is_left_shrinks_to_the_noise(printed):
     assert held_out["after_std_um"] == pytest.approx(NOISE, rel=0.4)
 
 
-def test_elevation_is_undecided_and_low_and_high_ones_are_asked_for(printed):
+def test_elevation_is_undecided_and_low_and_high_elevations_are_suggested(printed):
     item = next(i for i in printed["undecided"] if i["effect"] == "elevation_flexure" and i["form"] == "sine")
     assert item["evidence_nats"] < 5.0
     assert abs(item["parameters"]["sine"]["value"]) < 3.0 * item["parameters"]["sine"]["std"]
@@ -121,8 +121,8 @@ def test_elevation_is_undecided_and_low_and_high_ones_are_asked_for(printed):
     assert std["then"] < std["with_ordinary_exposures"] < std["now"]
 
 
-def test_what_the_plan_promises_is_what_it_gives(folder, findings):
-    """The proposed exposures are added to the rows: the covariance of least squares shrinks as was said."""
+def test_the_plan_reaches_the_promised_standard_deviation(folder, findings):
+    """With the proposed exposures added to the rows, the covariance of least squares shrinks as promised."""
     angles = np.arange(25.0, 86.0, 5.0)
     key = ("elevation_flexure", "sine and cosine")
     candidates = with_conditions(findings.rows, len(angles), elevation_deg=angles)
@@ -160,8 +160,8 @@ def test_without_an_odd_night_truss_is_named_and_nothing_is_unknown(tmp_path):
     assert found.structures(found.keys) == []
 
 
-def test_what_these_rows_cannot_tell_apart_is_a_group(tmp_path):
-    """The sensor follows the truss to a twentieth of a kelvin: whichever is named, the other stands beside it."""
+def test_effects_that_these_rows_cannot_distinguish_are_a_group(tmp_path):
+    """The sensor follows the truss to a twentieth of a kelvin: whichever is named, the other is its alternative."""
     diagnosis = report(*(read(tables(tmp_path, 9, offset=0.0, air_k=0.05)) for read in (read_first, read_second)))
     assert diagnosis["verdict"] == "group"
     (named,) = diagnosis["effects"]
@@ -182,7 +182,7 @@ def test_flexure_is_named_where_elevations_show_it(tmp_path):
 
 
 def test_a_condition_that_never_changes_cannot_be_tested(tmp_path, monkeypatch):
-    made = []  # by the command: of the first table, then of both
+    made = []  # made by the command: from the first table, then from both
     kept = lambda rows: made.append(Findings(rows)) or made[-1]  # noqa: E731
     monkeypatch.setattr("examples.telescope_focus.report.Findings", kept)
     assert main([str(tables(tmp_path, 8, offset=0.0, lowest_deg=88.0)), "--json"]) == 0
@@ -191,7 +191,7 @@ def test_a_condition_that_never_changes_cannot_be_tested(tmp_path, monkeypatch):
 
 
 def test_text_says_the_same(folder, capsys, printed, monkeypatch):
-    monkeypatch.setattr("examples.telescope_focus.command.report", lambda *_: printed)  # as found for the JSON
+    monkeypatch.setattr("examples.telescope_focus.command.report", lambda *_: printed)  # as computed for the JSON
     assert main([str(folder)]) == 0
     text = capsys.readouterr().out
     assert text.startswith("Verdict: unknown\n")
@@ -228,7 +228,7 @@ def _with(place, word):
         (SECOND_FILE, lambda words: " ".join([*words, "7"]), "9 values where 8 are needed"),
     ],
 )
-def test_a_damaged_line_is_one_line(folder, tmp_path, capsys, name, change, said):
+def test_a_damaged_line_is_reported_in_one_line(folder, tmp_path, capsys, name, change, said):
     number = _damaged(folder, tmp_path, name, change)
     assert main([str(tmp_path)]) == 2
     out, error = capsys.readouterr()
@@ -238,7 +238,7 @@ def test_a_damaged_line_is_one_line(folder, tmp_path, capsys, name, change, said
     assert said in error
 
 
-def test_missing_and_unreadable_files_are_one_line(folder, tmp_path, capsys):
+def test_missing_and_unreadable_files_are_reported_in_one_line(folder, tmp_path, capsys):
     given = tmp_path / "given"
     assert main([str(given)]) == 2
     given.mkdir()
@@ -268,7 +268,7 @@ def test_too_few_or_equal_rows_get_a_clear_answer(folder, tmp_path, capsys):
 
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"the observers' tables are not ours to ship: no {REAL}")
 def test_the_real_telescope(capsys):
-    """Figures of an independent least-squares reading of the same rows."""
+    """Figures of an independent least-squares fit of the same rows."""
     assert main([str(REAL), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["verdict"] == "unknown"

@@ -20,8 +20,8 @@ from tests.support import ROOT
 
 
 @pytest.mark.parametrize(("gap_m", "verdict"), [(0.0, "no_gap"), (2e-4, "unknown")])
-def test_what_few_repeats_say_too_small_by_chance_is_no_gap(drawing, gap_m, verdict):
-    """Five readings of one pose, 0.6 times as far apart as the noise: what comes out in one of thirty campaigns."""
+def test_a_noise_that_few_repeats_make_too_small_by_chance_is_no_gap(drawing, gap_m, verdict):
+    """Five readings of one pose scatter by 0.6 of the noise, as they do in one of thirty campaigns."""
     campaign = measure(drawing, seed=4, sigma_rotation_rad=None).campaign
     campaign = campaign.subset(np.array([0] * 4 + [*range(60)]))
     moved = 0.6 * SIGMA_M * np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / np.sqrt(2.5)
@@ -41,8 +41,8 @@ def test_what_few_repeats_say_too_small_by_chance_is_no_gap(drawing, gap_m, verd
         assert "instead of 0.03 mm by the repeats" in found.headline
 
 
-def test_noise_that_nobody_states_is_found_whatever_the_first_guess():
-    """Rotations a hundred times as poor as positions, of an arm whose zeros are off: by chi-square of what is left."""
+def test_unstated_noise_is_found_whatever_the_first_guess():
+    """Rotations a hundred times as poor as positions, on an arm with wrong zeros: by chi-square of the residuals."""
     believed = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml")
     off = np.random.default_rng(0).normal(0.0, 25.0, len(believed.definition.drives))
     zeros = {
@@ -52,7 +52,7 @@ def test_noise_that_nobody_states_is_found_whatever_the_first_guess():
     actual = Robot(believed.model_copy(update={"drive_offsets": zeros}))
     campaign = measure(actual, count=36, seed=0, sigma_rotation_rad=100.0 * SIGMA_M).campaign
     silent = campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
-    others = "drive_coupling", "joint_placement"  # left out: their many forms take long
+    others = "drive_coupling", "joint_placement"  # excluded: their many forms take long
     options = DiagnosisOptions(exclude=others, next_count=0)
     found = diagnose(damaged(campaign, metadata=silent), believed, options)
     assert [effect.cause.effect for effect in found.firm] == ["drive_zero_offset"]
@@ -62,7 +62,7 @@ def test_noise_that_nobody_states_is_found_whatever_the_first_guess():
 
 
 def test_a_wave_in_time_is_no_noise(drawing):
-    """What is left over comes and goes with time: the noise is what that leaves of positions, which it moves."""
+    """The residual varies periodically with time: the noise of the positions is what remains without that wave."""
     campaign = measure(drawing, seed=4).campaign
     silent = campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
     period_s = np.ptp(campaign.time_s) / 9.2
@@ -78,8 +78,8 @@ def test_a_wave_in_time_is_no_noise(drawing):
     assert any("Cycles with time" in finding.sentence for finding in found.where.findings)
 
 
-def test_of_each_kind_what_was_spent_on_it_is_taken_off():
-    """Frames take nine of thirty degrees of freedom of ten places, and none of what redundant drives disagree by."""
+def test_degrees_of_freedom_spent_are_subtracted_for_each_kind():
+    """Frames take nine of the thirty degrees of freedom of ten positions, and none of those of redundant drives."""
     rng, component = np.random.default_rng(3), np.repeat([0, 1, 2, 7], 10)
     frames = np.vstack([rng.normal(size=(30, 9)), np.zeros((10, 9))])
     after = SimpleNamespace(fitted_rows=SimpleNamespace(component=component))
@@ -94,8 +94,8 @@ def test_of_each_kind_what_was_spent_on_it_is_taken_off():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_of_a_kind_that_frames_spend_whole_hardly_any_noise_is_left(seed):
-    """Three distances from a point that nobody knows: whatever the sign of the round-off that is left of them."""
+def test_a_kind_whose_values_the_frames_fit_exactly_has_hardly_any_noise(seed):
+    """Three distances from an unknown point: whatever the sign of the round-off that remains."""
     rng, component = np.random.default_rng(seed), np.repeat([0, 1, 2, 6], [20, 20, 20, 3])
     frames = np.zeros((63, 9))
     frames[:60, :6], frames[60:, 6:] = rng.normal(size=(60, 6)), rng.normal(size=(3, 3))
@@ -105,7 +105,7 @@ def test_of_a_kind_that_frames_spend_whole_hardly_any_noise_is_left(seed):
     assert noise_left(given, after, found)["distance"].sigma == LEAST_NOISE
 
 
-def test_noise_that_does_not_settle_is_said(drawing, monkeypatch):
+def test_noise_that_does_not_settle_is_reported(drawing, monkeypatch):
     campaign = measure(drawing, seed=4).campaign
     silent = campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
     monkeypatch.setattr("pouring_robot.diagnosis.searched._NOISE_ROUNDS", 1)
@@ -114,8 +114,8 @@ def test_noise_that_does_not_settle_is_said(drawing, monkeypatch):
     assert any(note.startswith(doubt) for note in found.notes)
 
 
-def test_a_noise_that_is_stated_too_large_is_said(drawing):
-    """A data sheet's figure for the whole hall, of positions; that of rotations is right."""
+def test_a_stated_noise_that_is_too_large_is_reported(drawing):
+    """The positions have a data sheet's figure for the whole hall; the figure of the rotations is right."""
     campaign = measure(drawing, seed=4).campaign
     wide = campaign.metadata.model_copy(update={"sigma_position_m": 5.0 * SIGMA_M})
     found = diagnose(damaged(campaign, metadata=wide), None, DiagnosisOptions(next_count=0))

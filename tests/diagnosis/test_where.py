@@ -1,4 +1,4 @@
-"""Where model and measurement disagree: the level under noise alone, planted among correlated causes, missing data."""
+"""Where model and measurement disagree: the level under noise, errors among correlated causes, missing data."""
 
 import dataclasses
 import json
@@ -65,7 +65,7 @@ def scene(rng, n=90, repeated=30, alike=0.0):
 
 
 def seen(rng, given, error=None, full=True, turned=0.4):
-    """Residuals of displacements (n, 6) in the fixed platform's axes, seen by a tracker that stands turned."""
+    """Residuals of displacements (n, 6) in the fixed platform's axes, seen by a rotated tracker."""
     n, width = len(given), 6 if full else 3
     axes = Rotation.from_euler("z", turned).as_matrix()
     row, component = np.divmod(np.arange(width * n), width)
@@ -100,7 +100,7 @@ def conditions_found(where):
 
 
 @pytest.mark.parametrize(("rows", "full"), [(90, True), (36, False)])
-def test_noise_alone_is_seldom_found_guilty(rows, full):
+def test_noise_alone_seldom_raises_an_alarm(rows, full):
     rng = np.random.default_rng(2)
     given = scene(rng, rows, rows // 3)
     data = seen(rng, given, full=full)
@@ -109,7 +109,7 @@ def test_noise_alone_is_seldom_found_guilty(rows, full):
     assert alarms <= scipy.stats.binom.ppf(0.999, len(draws), 0.05)
 
 
-def test_p_values_of_single_tests_are_even_under_noise():
+def test_p_values_of_single_tests_are_uniform_under_noise():
     """Half of all noise lies below the median: corrections must not hide tests that never reject."""
     rng = np.random.default_rng(3)
     given = scene(rng)
@@ -119,7 +119,7 @@ def test_p_values_of_single_tests_are_even_under_noise():
     assert scipy.stats.kstest(p_values, "uniform").pvalue > 1e-3
 
 
-def test_load_is_named_though_time_and_temperatures_went_along():
+def test_load_is_named_although_time_and_temperatures_are_correlated_with_it():
     rng = np.random.default_rng(4)
     given = scene(rng, alike=0.6)
     assert np.corrcoef(given.weight_n, given.time_s)[0, 1] > 0.7
@@ -138,8 +138,8 @@ def test_load_is_named_though_time_and_temperatures_went_along():
 
 
 @pytest.mark.parametrize(("dof", "halves"), [(np.inf, ("0.020", "0.039")), (12.0, ("0.022", "0.044"))])
-def test_sizes_are_told_with_half_of_their_95_percent_interval(monkeypatch, dof, halves):
-    """1.96 standard deviations, as wherever there is a ±; 2.18, Student's t, by twelve degrees of freedom."""
+def test_sizes_are_reported_with_half_of_their_95_percent_interval(monkeypatch, dof, halves):
+    """1.96 standard deviations, as wherever there is a ±; 2.18, Student's t, at twelve degrees of freedom."""
     summed = Discrepancy.sum
 
     def known(*asked):
@@ -172,7 +172,7 @@ def test_time_and_load_are_both_named():
     assert set(conditions_found(where)) == {"load", "time"}
 
 
-def test_what_went_along_exactly_is_named_as_a_rival():
+def test_an_exactly_correlated_condition_is_named_as_a_rival():
     rng = np.random.default_rng(6)
     given = scene(rng)
     rises = {name: given.rises[name] for name in ("melt", "ambient")}
@@ -199,8 +199,8 @@ def test_side_of_one_drive_is_found_on_that_drive():
 
 
 @pytest.mark.parametrize(("waves", "said"), [(0.0, "on a scale of 50 mm or more"), (4.0, "on a scale of 20 mm")])
-def test_what_follows_a_drives_own_length_is_not_said_to_repeat(waves, said):
-    """What is looked for is smooth on a scale: a straight line is, and nothing of it returns."""
+def test_dependence_on_a_drives_own_length_is_not_called_periodic(waves, said):
+    """The dependence is smooth on a scale, as a straight line is, and need not be periodic."""
     rng = np.random.default_rng(7)
     given = scene(rng)
     drives, along = given.drives.copy(), rng.random(len(given))
@@ -214,8 +214,8 @@ def test_what_follows_a_drives_own_length_is_not_said_to_repeat(waves, said):
 
 
 @pytest.mark.parametrize(("slower", "unit", "unit_s"), [(1.0, "min", 60.0), (1500.0, "d", 86400.0)])
-def test_waves_of_two_periods_are_told_apart(slower, unit, unit_s):
-    """A pump and a door: what the one moves does not come and go with the other."""
+def test_waves_of_two_periods_are_distinguished(slower, unit, unit_s):
+    """A pump and a door: what one of them moves is not periodic with the other."""
     rng = np.random.default_rng(5)
     given = scene(rng)
     given = dataclasses.replace(given, time_s=slower * given.time_s)
@@ -229,7 +229,7 @@ def test_waves_of_two_periods_are_told_apart(slower, unit, unit_s):
         assert least <= np.ptp(given.time_s) / unit_s / cycles <= most
 
 
-def test_a_region_is_named_in_words_and_repeats_do_not_object():
+def test_a_region_is_named_in_words_and_repeats_raise_no_alarm():
     rng = np.random.default_rng(8)
     given = scene(rng, 120, 40)
     low = given.position_m[:, 2] < np.quantile(given.position_m[:, 2], 1 / 3)
@@ -241,7 +241,7 @@ def test_a_region_is_named_in_words_and_repeats_do_not_object():
 
 
 @pytest.mark.parametrize("noise_known", [True, False])
-def test_what_is_not_understood_in_one_component_accuses_nothing_in_others(noise_known):
+def test_an_unexplained_error_of_one_component_accuses_no_other(noise_known):
     """A ripple that no condition describes, twenty times the noise, in y only."""
     rng = np.random.default_rng(9)
     given = scene(rng, 120, 0)
@@ -279,7 +279,7 @@ def test_absent_and_constant_conditions(full):
 
 
 @pytest.mark.parametrize("wrong", [7.0, 0.1])
-def test_unknown_noise_judges_no_size_but_finds_what_it_depends_on(wrong, monkeypatch):
+def test_unknown_noise_allows_no_test_of_size_but_dependence_is_found(wrong, monkeypatch):
     rng = np.random.default_rng(11)
     given = scene(rng)
     data = seen(rng, given, moved(given, 1, 5e-4 * np.sin(given.travels["truss_travel"])))
@@ -304,12 +304,12 @@ def test_each_kind_of_reading_has_its_own_noise():
     std = np.select([component < 3, component < 6], [2.0, 5.0], 9.0)
     left = rng.normal(0.0, std)
     found = dataclasses.replace(data, component=component, noise=GUESSED).scaled(left)
-    # Of 90 values a root mean square is known to 7.5 %.
+    # From 90 values a root mean square is known to 7.5 %.
     np.testing.assert_allclose(found.sigma, std * data.sigma, rtol=4 * 0.075)
 
 
-def test_what_frames_spend_of_few_rows_is_no_lack_of_noise():
-    """Of 14 places frames leave 33 of 42 values to the noise, whose root mean square is 0.89 of it."""
+def test_degrees_of_freedom_that_frames_spend_in_few_rows_do_not_lower_the_noise():
+    """With 14 positions the frames leave 33 of 42 degrees of freedom: the residual RMS is 0.89 of the noise."""
     rng = np.random.default_rng(22)
     data = dataclasses.replace(seen(rng, scene(rng, 14, 0), full=False), noise=GUESSED)
     draws = [dataclasses.replace(data, residual=rng.normal(size=42)) for _ in range(400)]
@@ -317,7 +317,7 @@ def test_what_frames_spend_of_few_rows_is_no_lack_of_noise():
     assert np.mean(variances) == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / 33.0 / 400.0))
 
 
-def test_of_a_kind_that_frames_spend_whole_hardly_any_noise_is_left():
+def test_a_kind_whose_values_the_frames_fit_exactly_has_hardly_any_noise():
     rng = np.random.default_rng(23)
     data = seen(rng, scene(rng, 20, 0))
     alone = np.flatnonzero((data.component < 3) | (data.row == 0))  # one rotation, which turns the target
@@ -327,7 +327,7 @@ def test_of_a_kind_that_frames_spend_whole_hardly_any_noise_is_left():
     np.testing.assert_allclose(turned, LEAST_NOISE, rtol=1e-12)
 
 
-def test_few_rows_and_lost_cells():
+def test_few_rows_and_missing_cells():
     rng = np.random.default_rng(12)
     given = scene(rng, 9, 3)
     data = seen(rng, given, moved(given, 1, 1e-3 * rng.normal(size=9)))
@@ -350,7 +350,7 @@ def test_few_rows_and_lost_cells():
     assert disagreements(lost, given, 0.01).findings
 
 
-def test_nothing_beyond_the_frames_is_refused():
+def test_rows_that_the_frames_fit_exactly_are_refused():
     rng = np.random.default_rng(13)
     given = scene(rng, 9, 3)
     data = seen(rng, given)

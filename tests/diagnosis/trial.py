@@ -29,7 +29,7 @@ TEXTBOOK = {
     "truss_deflection": ("moving_load",),
     "base_drift": ("steady",),
 }
-"""Forms of the library whose parameters mean what the rig's textbook form means; any form of the others."""
+"""Forms of the library whose parameters have the meaning of the rig's textbook form; any form of other effects."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Said:
 
     @property
     def choices(self) -> frozenset[str]:
-        """The effect and what cannot be told apart from it."""
+        """The effect and those that cannot be distinguished from it."""
         return frozenset((self.effect, *self.alternatives))
 
 
@@ -68,29 +68,29 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Trial:
-    """What was hidden and what was said.
+    """What was hidden and what the diagnosis reported.
 
     Attributes:
         name: of the campaign.
         seed: of the campaign, where it is known.
         kind: null, single, pair, outside or confounded.
         hidden: ids of the effects at work.
-        forms: of them, in the rig.
+        forms: their forms in the rig.
         ratios: size of each against the noise.
         accept: ids any of which explains a confounded campaign.
-        workmanship: whether the machine has small errors of its joints besides.
+        workmanship: whether the machine also has small errors of its joints.
         excluded: id that was taken out of the library; "" if none.
         rows: of the campaign.
-        verdict: "" where nothing was said.
+        verdict: "" where there was no diagnosis.
         said: the named effects.
         reasons: why the verdict is what it is.
         gap: held-out ``before``, ``after`` and ``floor`` of the position in mm; NaN where no rows are held out.
-        turn_gap: the same of the rotation in mrad.
-        unknown_size: of what is unknown, over the noise; 0 where nothing is or it scatters.
-        closed: share of the held-out gap of the position that is gone.
-        estimates: parameters of which the truth is known.
-        seconds: the diagnosis took.
-        refused: why nothing was said.
+        turn_gap: the same for the rotation, in mrad.
+        unknown_size: size of the unknown, over the noise; 0 where nothing is unknown or it scatters.
+        closed: share of the held-out gap of the position that is closed.
+        estimates: parameters whose true value is known.
+        seconds: duration of the diagnosis.
+        refused: why there was no diagnosis.
     """
 
     name: str
@@ -126,12 +126,12 @@ class Trial:
 
     @property
     def exact(self) -> bool:
-        """Whether the effects at work are named and nothing false besides."""
+        """Whether the effects at work are named and no false one is."""
         return self.verdict in {"named", "group"} and self.named == frozenset(self.hidden)
 
     @property
     def in_group(self) -> bool:
-        """Whether the one effect at work is named or among the alternatives, and nothing false besides."""
+        """Whether the one effect at work is named or among the alternatives, and no false one is named."""
         return (
             self.verdict in {"named", "group"}
             and len(self.said) == len(self.hidden)
@@ -140,12 +140,12 @@ class Trial:
 
     @property
     def grouped(self) -> bool:
-        """Whether a group is returned that holds a true effect."""
+        """Whether the answer is a group that holds a true effect."""
         return self.verdict == "group" and any(set(self.hidden) & said.choices for said in self.said)
 
     @property
     def acceptable(self) -> bool:
-        """Whether what is named, with its alternatives, holds the truth or what explains the data as well."""
+        """Whether what is named, with its alternatives, holds the truth or an effect that explains the data as well."""
         allowed = {*self.hidden, *self.accept}
         return self.verdict in {"named", "group"} and all(allowed & said.choices for said in self.said)
 
@@ -178,7 +178,7 @@ class Trial:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what :meth:`from_dict` reads."""
+        """Return the record that :meth:`from_dict` reads."""
         return asdict(self)
 
     @classmethod
@@ -195,8 +195,8 @@ class Trial:
 def trials_of(folder: Path, name: str, *, exclude: bool = True, told: bool = False) -> list[Trial]:
     """Diagnose a written campaign; a strong single effect once more with that effect taken out of the library.
 
-    ``truth.json`` says what is hidden, and of another robot its ``robot_file``, from the campaign's folder. If
-    ``told``, the diagnosis knows how well the machine's joints are made: the truth has to say it.
+    ``truth.json`` says what is hidden and, for another robot, its ``robot_file``, from the campaign's folder. If
+    ``told``, the diagnosis knows how well the machine's joints are made: the truth must state it.
     """
     truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
     made_within = truth["workmanship"]["centres_sd_mm"] if told else None
@@ -207,13 +207,13 @@ def trials_of(folder: Path, name: str, *, exclude: bool = True, told: bool = Fal
 
 
 def rig_trials(campaign: Campaign, name: str, *, exclude: bool = True) -> list[Trial]:
-    """Write a campaign of the rig to file, as users have it, and diagnose it."""
+    """Write a campaign of the rig to a file, as users have it, and diagnose it."""
     with tempfile.TemporaryDirectory() as scratch:
         return trials_of(write_case(Path(scratch), campaign), name, exclude=exclude)
 
 
 def trial_of(folder: Path, name: str, truth: dict[str, Any], options: DiagnosisOptions) -> Trial:
-    """Diagnose a written campaign and keep what was said. A refusal and a crash are kept, too."""
+    """Diagnose a written campaign and keep the result. A refusal and a crash are kept, too."""
     hidden = truth["effects"]
     seed = truth.get("seed", ())
     known: dict[str, Any] = {
@@ -235,7 +235,7 @@ def trial_of(folder: Path, name: str, truth: dict[str, Any], options: DiagnosisO
         found = diagnose(campaign, model, options)
     except PouringRobotError as problem:
         return Trial(**known, seconds=time.perf_counter() - started, refused=str(problem))
-    except Exception:  # a crash is a result of the benchmark, and must not end it
+    except Exception:  # a crash is a result of the benchmark and must not end it
         return Trial(**known, seconds=time.perf_counter() - started, refused=f"crash: {traceback.format_exc()}")
     return Trial(**known, **_kept(found, truth), seconds=time.perf_counter() - started)
 
@@ -258,7 +258,7 @@ def _kept(found: Diagnosis, truth: dict[str, Any]) -> dict[str, Any]:
 
 
 def _estimates(found: Diagnosis, truth: dict[str, Any]) -> list[Estimate]:
-    """Return the parameters that mean what a true constant of the rig means."""
+    """Return the parameters that have the meaning of a true constant of the rig."""
     known = {e["effect"]: e.get("parameters", {}) for e in truth["effects"]}
     estimates = []
     for named in found.effects:

@@ -331,7 +331,7 @@ def test_the_evidence_bound_is_what_the_widest_scales_explain(place, scale):
 
 
 def test_two_nearly_equal_columns_do_not_explain_by_their_difference(rng):
-    """Their difference is a third column, ten million times smaller: its coefficient would have to be as much larger."""
+    """Their difference is a third column, ten million times smaller: its coefficient must be larger by that factor."""
     one, other = rng.normal(size=(2, 40))
     columns = np.column_stack([one, one + 1e-7 * other])
     found = 2.0 * evidence_bound(columns.T @ columns, columns.T @ other)
