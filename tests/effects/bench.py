@@ -1,6 +1,6 @@
 """A campaign of the independent machine of tests/rig, read by the library: the same rows in two formulations.
 
-Compared are whitened displacements of the target, (m,), after removal of the two free frames.
+The compared quantities are whitened motions of the target, (m,), with the two free frames projected out.
 """
 
 import dataclasses
@@ -57,20 +57,20 @@ def stiff_drawing():
 
 
 def soft_against_turning(mechanism, stiffness):
-    """Return a mechanism whose closures yield to turning by a stiffness, in Nm/rad."""
+    """Return a mechanism whose closures yield in rotation with a stiffness, in Nm/rad."""
     rotation = mechanism.loops.stiffness.rotation.model_copy(update={"value": stiffness})
     return mechanism.with_stiffness(mechanism.loops.stiffness.model_copy(update={"rotation": rotation}))
 
 
 def carried(mechanism, drawing, drives, payload_kg, drive_stiffness=()):
-    """Return the platform's pose at drive values under a payload in the ladle's centre of mass, by the whole energy."""
+    """Return the platform's pose at drive values with a payload in the ladle's centre of mass, by the total energy."""
     loads = Loads(True, payload_kg, "moving_platform", tuple(CENTRE_OF_MASS.tolist()), dict(drive_stiffness))
     start = drawing.kinematics.configuration_at(drives)
     return ClosureSolver(mechanism, loads).solve(mechanism.named_drives(drives), start).pose_base_to_end
 
 
 def campaign_of(scene, position, rotation):
-    """Return a campaign of the rig's rows, nothing rounded, thermometers true."""
+    """Return a campaign of the rig's rows, with nothing rounded and exact thermometers."""
     rows = len(scene)
     return Campaign(
         robot=PouringDefinition(),
@@ -110,7 +110,7 @@ class Bench:
         self.frames = basis(self.tracker.frames(self.faultless))
         self.campaign = self.measured(Errors.none(rows))
         self.rows = self.rows_of(self.campaign)
-        # A faultless machine does not show where along the tilt axis the target sits, so the true frames are taken.
+        # A faultless machine does not show where along the tilt axis the target sits, so the true frames are used.
         self.true_frames = OuterAndSessionFrames(
             *(pin.SE3(pin.exp3(f[3:]), f[:3]) for f in (BASE, TARGET)), np.zeros(0)
         )
@@ -122,13 +122,13 @@ class Bench:
         return campaign_of(self.scene, position, to_vector(quaternion))
 
     def rows_of(self, campaign, model=None):
-        """Return rows that count with the rig's gravity."""
+        """Return the rows of a campaign, computed with the rig's gravity."""
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(nominal_rows, "GRAVITY_M_S2", GRAVITY)
             return CampaignRows(campaign, model or RobotModel(), NOISE)
 
     def seen_as(self, rows, changes, rng=None):
-        """Return the campaign that the library's own closure gives with changes put in; with noise if drawn."""
+        """Return the campaign that the library's own closure predicts with changes, with noise if ``rng`` is given."""
         seen = rows.predicted(changes, self.true_frames)
         noise = np.zeros((2, len(rows), 3)) if rng is None else rng.normal(size=(2, len(rows), 3))
         turn = [pin.log3(pin.exp3(SIGMA_RAD * n) @ r) for n, r in zip(noise[1], seen.rotation, strict=True)]
@@ -180,7 +180,7 @@ class Bench:
         return self.ordered(sum(self.rows.column(p, self.linear) / p.prior_std * value for p, value in chosen))
 
     def apart(self, first, second):
-        """Return how far two motions (m,) are apart when the frames may absorb what they can, over the first one."""
+        """Return the distance of two motions (m,), up to what the frames absorb, relative to the first one."""
         first, second = without(first, self.frames), without(second, self.frames)
         return float(np.linalg.norm(first - second) / np.linalg.norm(first))
 

@@ -1,4 +1,4 @@
-"""The library of robots that declare no causes: its content, and columns that are derivatives of the closure."""
+"""The library of robots that declare no causes: its effects, and columns that are derivatives of the closure."""
 
 import re
 import shutil
@@ -48,7 +48,7 @@ IDS = {
 
 @pytest.fixture(scope="module", params=sorted(MACHINES))
 def rows(request, tmp_path_factory):
-    """Some rows of an example robot in two sessions, measured by itself, so that nothing is left over."""
+    """Some rows of an example robot in two sessions, equal to its own predictions, so that there is no residual."""
     folder = tmp_path_factory.mktemp(request.param)
     write(folder, MACHINES[request.param], seed=3, effect="session_offset", ratio=2.0)
     model = RobotModel.for_robot(ROOT / "examples" / "robots" / request.param / "robot.yaml")
@@ -64,7 +64,7 @@ def rows(request, tmp_path_factory):
 
 
 @pytest.mark.parametrize(("length", "moved", "still"), [(0.8, 0.8, False), (0.8, 0.1, True), (6.0, 0.8, True)])
-def test_a_rail_was_moved_along_where_most_of_it_was(tmp_path, length, moved, still):
+def test_a_rail_counts_as_moved_only_over_most_of_its_length(tmp_path, length, moved, still):
     urdf = f"""<robot name="hung"><link name="hall"/><link name="base"/><link name="tool"/>
       <joint name="rail" type="prismatic"><parent link="hall"/><child link="base"/>
         <axis xyz="1 0 0"/><limit lower="0" upper="{length}" effort="1" velocity="1"/></joint>
@@ -77,7 +77,7 @@ def test_a_rail_was_moved_along_where_most_of_it_was(tmp_path, length, moved, st
     assert held_still("rail_m", rows) is still
 
 
-def test_a_load_is_varied_by_what_the_robot_is_made_for():
+def test_a_load_counts_as_varied_relative_to_what_the_robot_is_made_for():
     """An arm of 29 kg lifts ten; with half a pound more or less nothing was varied."""
     robot = RobotModel.for_robot(ROOT / "examples" / "machines" / "ur10" / "robot.yaml").definition
     for mass_kg, still in ((10.0, False), (0.2, True)):
@@ -85,8 +85,8 @@ def test_a_load_is_varied_by_what_the_robot_is_made_for():
         assert held_still("weight_n", rows) is still
 
 
-def test_slides_grow_with_the_links_or_are_measured_by_what_does_not(rows):
-    """Whether a screw or a scale of glass measures a travel no file says: both are forms, and what lies between."""
+def test_slides_expand_with_the_links_or_have_a_scale_that_does_not(rows):
+    """No file says whether a screw or a glass scale measures a travel: both are forms, and mixtures of the two."""
     effect, robot = all_effects(rows.conditions.robot)["link_thermal_expansion"], rows.conditions.robot
     forms = {form.name: form for form in checked_forms(effect, rows.conditions, rows.channels)}
     sliding = {f"drive.{drive.joint}" for drive in robot.drives if drive.unit == "m"}
@@ -101,8 +101,8 @@ def test_slides_grow_with_the_links_or_are_measured_by_what_does_not(rows):
 @pytest.mark.parametrize(
     ("thermometer", "way"), [("ambient", "by_ambient"), ("slow", "own_temperature"), ("x", "own_temperature")]
 )
-def test_screws_grow_by_the_thermometer_of_their_group_or_link_or_the_hall(tmp_path, thermometer, way):
-    """By α (q - q₀) ΔT, from a fixed bearing anywhere, all others by the hall; no link of this gantry has a length."""
+def test_screws_expand_by_the_thermometer_of_their_group_or_link_or_the_hall(tmp_path, thermometer, way):
+    """By α (q - q₀) ΔT from a fixed bearing anywhere, all others by the hall; no link of this gantry has a length."""
     path = gantry_file(tmp_path)
     path.write_text(path.read_text(encoding="utf-8") + "groups: {slow: [x_slide]}\n", encoding="utf-8")
     bare = bare_conditions(RobotModel.for_robot(path).definition, 5)
@@ -118,7 +118,7 @@ def test_screws_grow_by_the_thermometer_of_their_group_or_link_or_the_hall(tmp_p
         assert metre.main, "held fast at its far end, it moves the slide more than its travel does"
 
 
-def test_ids_say_what_it_is_and_of_several_groups_which(rows):
+def test_ids_say_what_an_effect_is_and_for_which_of_several_groups(rows):
     robot = rows.conditions.robot
     found = tuple(all_effects(robot))
     assert tuple(dict.fromkeys(name.partition(".")[0] for name in found)) == IDS[robot.name]
@@ -126,25 +126,25 @@ def test_ids_say_what_it_is_and_of_several_groups_which(rows):
     assert groups == (set(robot.groups) if len(robot.groups) > 1 else set())
 
 
-def test_all_but_forces_without_a_stated_load_can_be_tested(rows):
+def test_everything_but_forces_without_a_stated_load_can_be_tested(rows):
     """The campaigns hold every condition; only tare and centre of mass of a tool are not stated where a payload is."""
     given = rows.conditions
     lacking = {effect.id.partition(".")[0] for effect in all_effects(given.robot).values() if effect.missing(given)}
     assert lacking <= {"drive_compliance"}
 
 
-def test_drives_that_stand_upright_yield_under_no_weight(rows):
-    """Those of the five-bar turn about the vertical: neither links nor a load put a moment on them, in any pose."""
+def test_drives_with_vertical_axes_do_not_yield_under_weight(rows):
+    """Those of the five-bar turn about the vertical: neither links nor a load exert a moment on them, in any pose."""
     given, effect = rows.conditions, all_effects(rows.conditions.robot)["drive_compliance"]
     assert effect.acts(given) == (given.robot.name != "five_bar")
-    # What it might carry counts, whether it was told what it carries or has links that weigh.
+    # What it might carry counts, whether or not its load is stated and its links have masses.
     told_nothing = replace(rows.campaign, conditions={})
     again = CampaignRows(told_nothing, rows.model, NOISE).conditions
     assert effect.acts(replace(again, drive_force=None)) == effect.acts(given)
 
 
-def test_play_of_a_drive_that_carries_nothing_has_no_share_by_load(rows):
-    """Told by three names that do the same, a play of 0.4 mrad came out as 0.2 ± 0.3."""
+def test_backlash_of_a_drive_that_carries_nothing_has_no_part_by_load(rows):
+    """Split into three parameters with the same effect, a backlash of 0.4 mrad was found as 0.2 ± 0.3."""
     given = rows.conditions
     assert given.approach is not None
     (effect,) = (effect for name, effect in all_effects(given.robot).items() if name.startswith("drive_backlash"))
@@ -154,7 +154,7 @@ def test_play_of_a_drive_that_carries_nothing_has_no_share_by_load(rows):
 
 
 def test_joints_of_an_open_chain_carry_what_lies_behind_them(rows):
-    """Against virtual turns of each joint of the examiner's chain, whose links are its own; of loops no joint tilts."""
+    """Against virtual rotations of each joint of the examiner's own chain; in loops no joint tilts."""
     given, effect = rows.conditions, all_effects(rows.conditions.robot).get("joint_compliance")
     assert (effect is not None) == (given.robot.name == "arm")
     if effect is None:
@@ -176,8 +176,8 @@ def test_joints_of_an_open_chain_carry_what_lies_behind_them(rows):
 
 
 @pytest.mark.parametrize("payload_kg", [None, 2.0])
-def test_links_without_masses_do_not_say_that_nothing_weighs(tmp_path, payload_kg):
-    """As in most URDFs that are published of industrial arms. Of a payload its weight is known: the lifting drive's."""
+def test_links_without_masses_are_not_taken_for_weightless(tmp_path, payload_kg):
+    """As in most published URDFs of industrial arms. The weight of a payload is known: it loads the lifting drive."""
     random = np.random.default_rng(1)
     places = random.uniform(0.1, 0.7, (12, 3))
     load = "" if payload_kg is None else ",payload_kg"
@@ -195,8 +195,8 @@ def test_links_without_masses_do_not_say_that_nothing_weighs(tmp_path, payload_k
         np.testing.assert_allclose(given.drive_force, np.tile([0.0, 0.0, -2.0 * 9.80665], (12, 1)), atol=1e-9)
 
 
-def test_tilts_that_may_be_zeros_of_the_joint_before_turn_the_flange_alike():
-    """By the examiner's chain: its rotation hangs on no place. Of all other tilts none does."""
+def test_tilts_equivalent_to_zeros_of_the_joint_before_rotate_the_flange_alike():
+    """By the examiner's chain, whose rotation does not depend on positions. No other tilt is equivalent to a zero."""
     robot = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml").definition
     drives, size = arm.targets(np.random.default_rng(3), 5), 1e-3
 
@@ -218,14 +218,14 @@ def test_tilts_that_may_be_zeros_of_the_joint_before_turn_the_flange_alike():
     assert not as_zeros_text(["joint1.tilt_x"], tilts)
 
 
-def test_only_what_is_driven_has_a_zero(rows):
-    """Loops have turning joints that nobody sets to zero."""
+def test_only_driven_joints_have_a_zero(rows):
+    """The passive revolute joints of loops have none."""
     driven = {drive.joint for drive in rows.conditions.robot.drives if drive.unit == "rad"}
     tilts = rows.conditions.causes.placements.tilts
     assert {joint for tilt in tilts for joint in tilt.zeros.values()} <= driven
 
 
-def test_what_goes_by_the_drives_own_values_needs_no_condition(rows):
+def test_what_depends_on_the_drives_own_values_needs_no_condition(rows):
     given, effects = rows.conditions, all_effects(rows.conditions.robot)
     entries, testable = [], {name for name, effect in effects.items() if not effect.missing(given)}
     for name in testable:
@@ -235,15 +235,15 @@ def test_what_goes_by_the_drives_own_values_needs_no_condition(rows):
     learned = {"here": learned_in(rows.campaign, given)}
     found = rows.not_told_by_commands(rows.model.model_copy(update={"effects": entries, "learned": learned}))
     by_command = {"drive_zero_offset", "drive_scale", "drive_periodic", "joint_periodic", "joint_placement"}
-    by_command |= {"drive_coupling", "metrology_scale"}  # which does nothing to a command
+    by_command |= {"drive_coupling", "metrology_scale"}  # which does not change a command
     if not np.any(given.drive_force):
         by_command.add("drive_compliance")  # weight loads none of the drives
     assert {*found} == {name for name in testable if name.partition(".")[0] not in by_command}
 
 
 @pytest.mark.parametrize("hall", [True, False])
-def test_thermometers_asked_for_are_those_it_was_learned_by(rows, hall):
-    """Any thermometer makes the effect; a form of it is by all of those that there were."""
+def test_the_thermometers_asked_for_are_those_of_the_campaign_that_taught(rows, hall):
+    """Any thermometer allows the effect; a form uses all those that the campaign had."""
     parts = {f"{name}_degC": 25.0 for name in rows.conditions.rises if name != "ambient"}
     campaign = rows.campaign if hall else rows.campaign.with_conditions(ambient=None)
     given = CampaignRows(campaign, rows.model, NOISE).conditions
@@ -259,7 +259,7 @@ def test_thermometers_asked_for_are_those_it_was_learned_by(rows, hall):
 
 
 def test_columns_are_derivatives_of_the_exact_closure(rows, rng):
-    """Of every form one parameter, drawn, and its first."""
+    """For every form one random parameter and the first."""
     linear = rows.linearise(rows.unchanged(), rows.frames)
     given = rows.conditions
     for effect in all_effects(given.robot).values():
@@ -269,7 +269,7 @@ def test_columns_are_derivatives_of_the_exact_closure(rows, rng):
         for place in {0, int(rng.integers(len(form.parameters)))}:
             parameter = form.parameters[place]
             if not any(np.abs(change).max() > 0.0 for change in parameter.changes.values()):
-                continue  # nothing of it is there in these rows
+                continue  # the parameter has no effect in these rows
             found = np.zeros((len(rows), 6))
             found[linear.row, linear.component] = rows.column(parameter, linear)
             expected = parameter.prior_std * difference(rows, rows.frames, parameter)
@@ -277,7 +277,7 @@ def test_columns_are_derivatives_of_the_exact_closure(rows, rng):
             assert np.abs(found - expected).max() <= 1e-5 * size, (effect.id, parameter.name)
 
 
-def test_of_a_distance_between_rows_both_ends_move_by_their_own_conditions(rows, rng):
+def test_both_ends_of_a_distance_between_rows_move_by_their_own_conditions(rows, rng):
     place = rows.predicted(rows.unchanged(), rows.frames).position_m
     distances = {
         "position_m": np.full((ROWS, 3), np.nan),
@@ -298,11 +298,11 @@ def test_of_a_distance_between_rows_both_ends_move_by_their_own_conditions(rows,
         expected = parameter.prior_std * (read - less) / (2.0 * step)
         found = apart.column(parameter, linear)
         np.testing.assert_allclose(found, expected, atol=1e-4 * max(1.0, np.abs(expected).max()), err_msg=effect.id)
-    # What is unknown moves them likewise.
+    # Unknown effects move them likewise.
     name, course = channel(apart.conditions.robot.drives[0]), rng.normal(size=(ROWS, 1))
     sums = sums_of(linear.row, ROWS)
     plain = Part(Channel("", np.ones(ROWS), sums), course)
-    # An effect whose size varies, and a drive.
+    # An effect of varying size, and a drive.
     for change in (rng.normal(size=ROWS), np.ones(ROWS)):
         part = Part(apart.moving("any", {name: change}, linear, sums), course)
         expected = apart.column(EffectParameter("any", "rad", 1.0, {name: change * course[:, 0]}), linear)
@@ -312,8 +312,8 @@ def test_of_a_distance_between_rows_both_ends_move_by_their_own_conditions(rows,
     np.testing.assert_allclose(between([plain], [part]), [[course[:, 0] @ expected]], rtol=1e-9)
 
 
-def test_orders_of_a_joint_are_said_together():
-    """A closed form: amplitudes 3 and 4 at order 2 make 5, and 5 / √2 rms."""
+def test_orders_of_a_joint_are_reported_together():
+    """Closed form: amplitudes 3 and 4 at order 2 give 5, and 5 / √2 rms."""
     robot = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml").definition
     effect = all_effects(robot)["joint_periodic"]
     first, second = (drive.symbol for drive in robot.drives[:2])
@@ -328,7 +328,7 @@ def test_orders_of_a_joint_are_said_together():
     (1.0, "+98 ± 12 ppm at zero, +40 ± 24 ppm more per metre", "5.000490 ± 0.000059 mm per turn"),
     (10.0, "+0.010 ± 0.012 % at zero, +0.004 ± 0.024 % more per metre", "5.00049 ± 0.00059 mm per turn"),
 ])  # fmt: skip
-def test_a_lead_has_the_digits_its_interval_deserves(known_to, lead, more):
+def test_a_lead_has_the_digits_that_its_interval_supports(known_to, lead, more):
     drive = RobotModel.for_robot(ROOT / "examples" / "robots" / "hexapod" / "robot.yaml").definition.drives[0]
     values = {f"{drive.symbol}_scale": 0.098, f"{drive.symbol}_progression": 0.020}  # mm/m, mm/m²
     stds = dict.fromkeys(values, 0.006 * known_to)
@@ -346,7 +346,7 @@ def test_a_lead_has_the_digits_its_interval_deserves(known_to, lead, more):
     [(30.0, 0.006, "+3.0000 ± 0.0012 %"), (-0.3, 0.006, "-300 ± 12 ppm"), (0.0, 21.5, "+0.0 ± 4.2 %")],
     ids=["percent", "ppm", "hardly known"],
 )
-def test_a_ratio_is_told_as_a_share(share, std, said):
+def test_a_ratio_is_reported_as_a_share(share, std, said):
     drive, other, *_ = RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml").definition.drives
     name = f"{drive.symbol}_scale"
     ratio, told = (
@@ -354,13 +354,13 @@ def test_a_ratio_is_told_as_a_share(share, std, said):
         f"{drive.words}: it turns {said} further than commanded",
     )
     assert ratio.in_words({name: share}, {name: std}) == (f"{told} (95 %)",)
-    home = {f"{drive.symbol}_home": 10.0}  # a drive that was homed wrong is off by more than its ratio makes
+    home = {f"{drive.symbol}_home": 10.0}  # a drive with a wrong home has an offset besides the error of its ratio
     (line,) = ratio.in_words({name: share, **home}, {name: std, **dict.fromkeys(home, 0.5)})
     assert line == f"{told}, and is +10.00 ± 0.98 mrad off at count zero (95 %)"
 
 
 def yields(folder, efforts):
-    """Return usual sizes of the yield of a UR10's drives, (6,), where its URDF says these efforts."""
+    """Return the usual sizes of the compliance of a UR10's drives, (6,), for the efforts in its URDF."""
     source = ROOT / "examples" / "machines" / "ur10"
     said = iter(efforts)
     text = re.sub(r'effort="[^"]*"', lambda _: f'effort="{next(said)}"', (source / "ur10.urdf").read_text())
@@ -376,8 +376,8 @@ def yields(folder, efforts):
     return np.array([parameter.prior_std for parameter in form.parameters if parameter.main])
 
 
-def test_drives_made_for_less_are_softer_in_proportion(tmp_path):
-    """Alike at the moment that the URDF says; all together as soft as usual; where one is not said, all alike."""
+def test_drives_with_lower_effort_limits_are_softer_in_proportion(tmp_path):
+    """At their limits they deflect alike, with the usual mean compliance; where one limit is missing, all are alike."""
     efforts = np.array([330.0, 330.0, 150.0, 54.0, 54.0, 27.0])
     sizes = yields(tmp_path / "said", efforts.tolist())
     np.testing.assert_allclose(sizes * efforts, sizes[0] * efforts[0], rtol=1e-12)
@@ -385,7 +385,7 @@ def test_drives_made_for_less_are_softer_in_proportion(tmp_path):
     np.testing.assert_array_equal(yields(tmp_path / "unsaid", [330.0, 330.0, 0.0, 54.0, 54.0, 27.0]), np.ones(6))
 
 
-def test_no_joint_stands_wrong_where_the_robot_file_says_none(tmp_path):
+def test_no_joint_is_misplaced_where_the_robot_file_rules_it_out(tmp_path):
     said = read_yaml(ROOT / "examples" / "machines" / "ur10" / "robot.yaml")
     said |= {"urdf": str(ROOT / "examples" / "machines" / "ur10" / "ur10.urdf"), "places": []}
     (tmp_path / "robot.yaml").write_text(yaml_text(said))
@@ -396,8 +396,8 @@ def test_no_joint_stands_wrong_where_the_robot_file_says_none(tmp_path):
     assert "joint_placement" not in all_effects(RobotModel.for_robot(tmp_path / "robot.yaml").definition)
 
 
-def test_what_stands_off_by_a_constant_is_an_effect_that_says_the_same(rows):
-    """It is no other explanation in that one's place: all it can do the effect's own parameters do."""
+def test_a_constant_displacement_is_equivalent_to_a_known_effect(rows):
+    """It is no separate explanation in that one's place: the effect's own parameters make all of it."""
     linear, given = rows.linearise(rows.unchanged(), rows.frames), rows.conditions
     known, said = all_effects(given.robot), set()
     for process in processes_of(rows, linear, np.eye(3)):
@@ -414,8 +414,8 @@ def test_what_stands_off_by_a_constant_is_an_effect_that_says_the_same(rows):
     assert said == {*zeros, "joint_placement"}
 
 
-def test_nothing_unknown_moves_a_seen_place_where_no_place_is_seen():
-    """Of a Maslow, whose four belts are all that is measured, "seen place by pose" was said to be left."""
+def test_nothing_unknown_moves_a_seen_position_where_none_is_measured():
+    """For a Maslow, of which only four belts are measured, "seen place by pose" was reported."""
     machine = ROOT / "examples" / "machines" / "hangprinter"
     model = RobotModel.for_robot(machine / "robot.yaml")
     campaign = Campaign.read(machine / "samples.csv", model.definition)

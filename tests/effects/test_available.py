@@ -15,7 +15,7 @@ CONTRACT = (
     *("joint_axis_tilt", "leg_thermal_expansion", "platform_thermal_expansion", "leg_compliance"),
     *("tilt_drive_compliance", "truss_deflection", "base_drift", "tilt_encoder_eccentricity", "metrology_scale"),
 )
-"""The ids are a contract: written down a second time on purpose."""
+"""The ids are a contract: written a second time on purpose."""
 MODULE = """
 from pouring_robot.effects import Effect
 
@@ -112,7 +112,7 @@ def test_effects_of_packages_come_after_the_library(monkeypatch):
     assert isinstance(found["loose_bolt"], LooseBolt)
 
 
-def test_entry_points_are_asked_of_the_interpreter(monkeypatch):
+def test_entry_points_are_those_of_the_interpreter(monkeypatch):
     """The group is part of the contract with other packages."""
     import importlib.metadata
 
@@ -122,7 +122,7 @@ def test_entry_points_are_asked_of_the_interpreter(monkeypatch):
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """Return a function that puts a package on Python's path that offers one object of MODULE."""
+    """Return a function that puts on Python's path a package that offers one object of MODULE."""
 
     def offer(value, module=MODULE):
         name = f"bolts_{zlib.crc32((value + module).encode())}"
@@ -194,7 +194,7 @@ def test_unknown_effect_to_leave_out():
             chosen_effects(exclude=given)
 
 
-def test_an_effect_may_need_what_is_worked_out_from_the_rows(monkeypatch):
+def test_an_effect_may_need_a_quantity_computed_from_the_rows(monkeypatch):
     class Leaning(LooseBolt):
         needs = ("tilt_rad", "position_m")
 
@@ -202,6 +202,6 @@ def test_an_effect_may_need_what_is_worked_out_from_the_rows(monkeypatch):
     assert isinstance(all_effects()["loose_bolt"], Leaning)
 
 
-def test_a_robot_is_told_in_any_way_and_one_effect_by_its_name():
+def test_a_robot_may_be_given_in_any_way_and_one_effect_by_its_name():
     assert list(all_effects(PouringRobot())) == list(all_effects())
     assert "drive_scale" not in chosen_effects(None, "drive_scale")

@@ -53,7 +53,7 @@ def test_effect_is_well_formed(bench, effect):
 
 
 def moved(rows, frames, parameter, size):
-    """Return what the exact closure sees, over the noise, (n, 6), with a parameter at a size; turns as matrices."""
+    """Return the exact prediction over the noise, (n, 6), with a parameter at a given size; rotations as matrices."""
     seen = rows.predicted(rows.changes([parameter], np.array([size])), frames)
     assert not seen.status.any()
     return seen
@@ -79,7 +79,7 @@ def difference(rows, frames, parameter):
 
 @pytest.fixture(scope="module", params=["drawing", "robot with machining errors"])
 def robot(request, bench):
-    """Rows and frames at which the columns are looked at: the robot's own measurement, so that nothing is left over."""
+    """Rows and frames for the columns: the robot's own predictions as measurements, so that there is no residual."""
     if request.param == "drawing":
         return bench.rows, bench.true_frames
     model = RobotModel.load(ACTUAL)
@@ -107,7 +107,7 @@ def test_columns_are_derivatives_of_the_exact_closure(robot, effect):
 
 @pytest.mark.parametrize("effect", ["drive_zero_offset", "joint_axis_tilt", "truss_deflection"])
 def test_parameters_add_up(bench, rng, effect):
-    """The change of several parameters is the sum of theirs, and the closure sees all of them."""
+    """The change of several parameters is the sum of theirs, and the closure has all of them."""
     form = EFFECTS[effect].forms(bench.rows.conditions)[0]
     values = 1e-4 * rng.normal(size=len(form.parameters))
     together = bench.rows.linearise(bench.rows.changes(form.parameters, values), bench.true_frames).residual
@@ -153,8 +153,8 @@ class Failing(Users):
 
 
 @pytest.mark.parametrize("effect", EFFECTS.values(), ids=lambda effect: effect.id)
-def test_library_passes_the_look_at_what_it_changes(bench, effect):
-    """Which names there are is written down here a second time."""
+def test_the_library_passes_the_check_of_what_it_changes(bench, effect):
+    """The valid names are written here a second time."""
     assert bench.rows.channels == LOCAL
     forms = checked_forms(effect, bench.rows.conditions, bench.rows.channels)
     assert [form.name for form in forms] == [form.name for form in effect.forms(bench.rows.conditions)]
@@ -173,7 +173,7 @@ def test_library_passes_the_look_at_what_it_changes(bench, effect):
         ({"base.tx": np.zeros(70)}, float("inf"), "needs a usual size above zero, not inf"),
     ],
 )
-def test_what_a_users_effect_does_wrong_is_said_on_one_line(bench, changes, prior_std, said):
+def test_an_error_in_a_users_effect_is_reported_in_one_line(bench, changes, prior_std, said):
     with pytest.raises(BadInputError) as problem:
         Library.of(bench.rows, {"users_own": Users(changes, prior_std)})
     line = str(problem.value)
@@ -190,7 +190,7 @@ def test_bounds_the_wrong_way_round_are_refused(bench):
 
 
 @pytest.mark.parametrize("side", [[0, 1] * 35, np.arange(70) % 2 == 1])
-def test_lists_and_truths_change_rows_as_floats_do(bench, side):
+def test_lists_and_booleans_change_rows_as_floats_do(bench, side):
     library = Library.of(bench.rows, {"users_own": Users({"base.tx": side})})
     (parameter,) = library.forms["users_own", "only"].parameters
     assert parameter.changes["base.tx"].dtype == float
@@ -198,7 +198,7 @@ def test_lists_and_truths_change_rows_as_floats_do(bench, side):
 
 
 def test_parameters_of_one_name_are_refused(bench):
-    """A model file holds values by name: the one would take the other's place."""
+    """A model file holds values by name, so one would replace the other."""
     with pytest.raises(BadInputError, match="form 'only' needs parameters with different names"):
         Library.of(bench.rows, {"users_own": Namesakes({"base.tx": np.zeros(70)})})
 
@@ -232,7 +232,7 @@ class Double(Users):
 
 
 @pytest.mark.parametrize("kind", [Formless, Empty, ShapesOnly, Double])
-def test_forms_are_some_of_different_names_with_parameters(bench, kind):
+def test_an_effect_needs_forms_with_different_names_and_parameters(bench, kind):
     effect = kind({"drive.leg1_s3": np.ones(len(bench.rows))})
     with pytest.raises(BadInputError, match="'users_own' needs forms with different names, each with a main parameter"):
         checked_forms(effect, bench.rows.conditions, bench.rows.channels)

@@ -1,4 +1,4 @@
-"""Joints that tilt under load: a mast that is extended by a joint in a separate branch."""
+"""Joints that tilt under what they carry: a mast that is extended by a joint of a separate branch."""
 
 import json
 
@@ -49,12 +49,12 @@ MILL = f"""<robot name="mill">
   <joint name="tilt" type="revolute"><parent link="bed"/><child link="table"/><origin xyz="0 0 0.2"/>
     <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
 </robot>"""
-ROWS, SOFT = 60, 2e-5  # rad/Nm of the slide where it is half out, and as much again where it is wholly out
+ROWS, SOFT = 60, 2e-5  # rad/Nm of the slide half extended, and twice that fully extended
 
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
-    """Poses of the mast, tilted by hand at the foot of its slide."""
+    """Poses of the mast, tilted by a closed form at the foot of its slide."""
     folder, rng = tmp_path_factory.mktemp("mast"), np.random.default_rng(7)
     (folder / "mast.urdf").write_text(URDF, encoding="utf-8")
     (folder / "robot.yaml").write_text(ROBOT, encoding="utf-8")
@@ -71,19 +71,19 @@ def campaign(tmp_path_factory):
     return Campaign.read(table, RobotModel.for_robot(folder / "robot.yaml").definition)
 
 
-def test_a_slide_carries_what_it_lifts_and_yields_as_far_as_it_is_out(campaign):
+def test_a_slide_carries_what_it_lifts_and_yields_in_proportion_to_its_extension(campaign):
     rows = CampaignRows(campaign, RobotModel.for_robot(campaign.robot.path), NoiseLevel.stated(5e-5, None))
     given = rows.conditions
     np.testing.assert_allclose(given.slides_m["rise"], 0.5 * campaign.drives[:, 0] + 0.2, rtol=0, atol=1e-12)
     pan = campaign.drives[:, 1]
     about_y = GRAVITY * (SHIFT * MAST_KG + REACH * ARM_KG * np.cos(pan))
     np.testing.assert_allclose(given.joint_moments["rise.ry"], about_y, rtol=1e-9)
-    # what follows a drive at half its pace weighs half on it
+    # what moves at half the speed of a drive loads it with half its weight
     np.testing.assert_allclose(given.drive_force[:, 0], -0.5 * GRAVITY * (MAST_KG + ARM_KG), rtol=1e-9)
     effect = all_effects(campaign.robot)["joint_compliance"]
     parameters = {p.name: p for p in effect.form("rise_alone", given).parameters}
     assert {name.partition("_by_")[0] for name in parameters} == {f"rise.yield_{axis}" for axis in "xyz"}
-    assert not parameters["rise.yield_z"].changes["rise.rz"].any()  # nothing twists it
+    assert not parameters["rise.yield_z"].changes["rise.rz"].any()  # no moment acts about z
     out = (given.slides_m["rise"] - 0.7) / 0.5
     for power, word in enumerate(("", "_by_stroke", "_by_stroke_squared")):
         change = parameters[f"rise.yield_y{word}"].changes["rise.ry"]
@@ -105,8 +105,8 @@ def test_a_mast_that_leans_is_named(campaign, found):
         assert abs(soft.value - 1e3 * SOFT * load) < 4.0 * soft.std
 
 
-def test_the_model_found_holds_where_a_moment_vanishes(found, tmp_path, capsys):
-    """Straight ahead nothing turns the mast about x: the yield about that axis is there and makes nothing."""
+def test_the_saved_model_works_where_a_moment_vanishes(found, tmp_path, capsys):
+    """Straight ahead no moment acts on the mast about x: the compliance about that axis has no effect."""
     found.save(tmp_path / "found")
     leant = {}
     for pan in ("0", "90"):
@@ -125,7 +125,7 @@ MASS = (
 
 
 @pytest.mark.parametrize(("axis", "weighs", "acts"), [
-    ("0 1 0", (True, True), False),  # all moments are about the axes
+    ("0 1 0", (True, True), False),  # all moments are about the joint axes
     ("0 0 1", (True, True), True),
     ("0 0 1", (True, False), True),  # a link without mass at the end
     ("0 0 1", (False, False), False),
@@ -165,12 +165,12 @@ def mill_under_load(folder, drives, load, base="table", end="tool", axis="1 0 0"
     return conditions_of(RobotUnderConditions(robot, {"payload_kg": load})._rows(drives), nominal)
 
 
-def test_a_table_under_a_tool_does_not_carry_it(tmp_path):
-    """Seen from a table that tilts, weight on the tool pulls aside; it is on the ram all the same, not the trunnion."""
+def test_a_table_under_a_tool_does_not_carry_its_weight(tmp_path):
+    """In axes of a tilting table the tool's weight has a lateral part; it still loads the ram and not the trunnion."""
     drives, load = np.array([[0.1, 0.0], [0.2, 0.7]]), 50.0
     given = mill_under_load(tmp_path, drives, load)
     tilt = drives[:, 1]
-    table = -TABLE_KG * GRAVITY * (0.1 * np.cos(tilt) + 0.2 * np.sin(tilt))  # its centre stands at (0, 0.1, -0.2)
+    table = -TABLE_KG * GRAVITY * (0.1 * np.cos(tilt) + 0.2 * np.sin(tilt))  # its centre of mass is at (0, 0.1, -0.2)
     carried = np.column_stack([np.full(2, -GRAVITY * (RAM_KG + load)), table])
     np.testing.assert_allclose(given.drive_force, carried, rtol=0, atol=1e-9)
     np.testing.assert_allclose(given.force_by_weight, [[-1.0, 0.0]] * 2, rtol=0, atol=1e-12)
@@ -178,8 +178,8 @@ def test_a_table_under_a_tool_does_not_carry_it(tmp_path):
     np.testing.assert_allclose(given.joint_moments["tilt.rx"], table, rtol=1e-12)
 
 
-def test_a_bearing_yields_across_its_axis_whichever_way_that_points(tmp_path):
-    """Alike across it: in all by what of the moment is across the axis, and about the axis, where the drive is, not."""
+def test_a_bearing_yields_across_its_axis_in_whichever_direction_that_points(tmp_path):
+    """Isotropically: in each direction by the moment across the axis, and not about the axis, which the drive holds."""
     axis, drives = np.array([0.0, 0.6, 0.8]), np.array([[0.2], [0.7]])
     given = mill_under_load(tmp_path, drives, 30.0, "bed", "table", " ".join(map(str, axis)))
     effect = all_effects(given.robot)["joint_compliance"]

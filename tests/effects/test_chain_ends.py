@@ -1,4 +1,4 @@
-"""A chain that ends in a fixed joint: expansion of its last link moves the seat back, against the expanded URDF."""
+"""A chain that ends in a fixed joint: growth of its last link moves the seat back, against the URDF with it grown."""
 
 import dataclasses
 
@@ -63,7 +63,7 @@ def test_the_last_link_of_a_five_bar_grows():
     ((seat, link, place),) = chain_ends(definition, causes_of(definition).placements.places)
     assert (seat, link) == ("left_seat_mount", "left_coupler")
     location, poses = robot.location_at([0.2, -0.1]), []
-    # The URDF's own: the tip's mount stands 0.39 m out on the coupler, along its y.
+    # In the URDF the tip's mount is 0.39 m out on the coupler, along its y.
     for joint, shift in ((seat, strain * place), ("left_tip_mount", strain * np.array([0.0, 0.39, 0.0]))):
         moved = perturb_urdf(definition.urdf(), {joint: displacement(shift)})
         solver = ClosureSolver(ClosedChainMechanism(moved, definition.loops))
@@ -72,8 +72,8 @@ def test_the_last_link_of_a_five_bar_grows():
     assert np.linalg.norm(poses[0] - location.poses("pen")[0].translation) > 1e-4
 
 
-def test_a_link_grows_through_the_fixed_joints_that_carry_on(tmp_path):
-    """An upright with a bracket bolted on askew, on which the next joint stands: against the URDF with it grown."""
+def test_a_link_grows_through_the_fixed_joints_that_extend_it(tmp_path):
+    """An upright with a bracket bolted on askew that carries the next joint: against the URDF with it grown."""
     (tmp_path / "arm.urdf").write_text(BRACKETED, encoding="utf-8")
     (tmp_path / "robot.yaml").write_text(ROBOT_FILE, encoding="utf-8")
     robot, strain = Robot.load(tmp_path / "robot.yaml"), 1e-3
@@ -83,7 +83,7 @@ def test_a_link_grows_through_the_fixed_joints_that_carry_on(tmp_path):
     poses = []
     for moved in ({"lift": strain * grown[2][2]}, {"bolts": strain * np.array([0.1, 0.0, 0.6])}):
         errors = {joint: displacement(shift) for joint, shift in moved.items()}
-        if "bolts" in errors:  # a placement error counts in the joint's own axes
+        if "bolts" in errors:  # a placement error is given in the joint's own axes
             turned = pin.rpy.rpyToMatrix(0.3, -0.2, 0.5).T @ moved["bolts"]
             errors = {"bolts": displacement(turned)}
         solver = ClosureSolver(ClosedChainMechanism(perturb_urdf(BRACKETED, errors), robot.model.definition.loops))
@@ -93,7 +93,7 @@ def test_a_link_grows_through_the_fixed_joints_that_carry_on(tmp_path):
 
 
 def test_the_last_link_of_an_open_chain_grows_to_the_end_frame(tmp_path):
-    """In every pose the end frame stands as in the URDF with its mount grown."""
+    """In every pose the end frame is where it is in the URDF with its mount grown."""
     (tmp_path / "arm.urdf").write_text(BRACKETED, encoding="utf-8")
     (tmp_path / "robot.yaml").write_text(ROBOT_FILE, encoding="utf-8")
     robot, strain = Robot.load(tmp_path / "robot.yaml"), 1e-3
@@ -114,8 +114,8 @@ def test_the_last_link_of_an_open_chain_grows_to_the_end_frame(tmp_path):
 
 
 @pytest.mark.parametrize(("base", "end"), [("foot", "tip"), ("marker", "tip"), ("tip", "marker"), ("pole", "mount")])
-def test_a_robot_that_grows_evenly_is_the_same_robot_larger(tmp_path, base, end):
-    """Wherever it is seen from: beside its foot, the tool, or a joint's name; and whichever joints may stand wrong."""
+def test_a_robot_that_grows_uniformly_is_the_same_robot_scaled(tmp_path, base, end):
+    """For any base frame (beside the foot, the tool, a joint) and any set of joints that may be misplaced."""
     (tmp_path / "arm.urdf").write_text(BRACKETED.replace("</robot>", FOOT), encoding="utf-8")
     said = ROBOT_FILE.replace("base_frame: base\nend_frame: tip", f"base_frame: {base}\nend_frame: {end}")
     (tmp_path / "robot.yaml").write_text(said + "places: [lift]\n", encoding="utf-8")
@@ -133,7 +133,7 @@ def test_a_robot_that_grows_evenly_is_the_same_robot_larger(tmp_path, base, end)
 
 @pytest.mark.parametrize(("one", "other", "kind"), [("tip", "seat", "3d"), ("seat", "tip", "3d"), ("tip", "pin", "6d")])
 def test_rods_that_end_in_a_loop_have_a_length(tmp_path, one, other, kind):
-    """It may be off, and grows with all else: a rod that ends in a point, or on a pin that turns against its end."""
+    """It may be wrong, and it grows with the rest: for a rod that ends in a point or on a pin that turns in its end."""
     (tmp_path / "rocker.urdf").write_text(ROCKER, encoding="utf-8")
     loop = f"loops: [{{name: end, frame_a: {one}, frame_b: {other}, type: {kind}}}]\n"
     said = "name: rocker\nurdf: rocker.urdf\nbase_frame: base\nend_frame: tool\ndrives: [{joint: slide}]\n"
@@ -152,7 +152,7 @@ def test_rods_that_end_in_a_loop_have_a_length(tmp_path, one, other, kind):
 
 
 def test_a_slide_spans_the_joints_at_its_ends():
-    """Of a hexapod: from its universal joint on the base to its spherical one on the table, by Pinocchio."""
+    """In a hexapod: from its universal joint on the base to its spherical one on the table, by Pinocchio."""
     robot = Robot.load(ROOT / "examples" / "robots" / "hexapod" / "robot.yaml")
     drives = robot.model.definition.home_drives + np.linspace(0.0, 0.03, 6)
     closed = robot.location_at(drives).nominal
@@ -163,5 +163,5 @@ def test_a_slide_spans_the_joints_at_its_ends():
     for k in range(6):
         upper, lower = (data.oMi[model.getJointId(f"leg{k + 1}_{name}")].translation for name in ("s1", "u1"))
         assert abs(np.linalg.norm(upper - lower) - spans[k]) < 1e-12
-    # The pouring robot's legs are counted from joint to joint.
+    # The pouring robot's legs are measured from joint to joint.
     np.testing.assert_allclose(set_apart(RobotModel().definition), 0.0, rtol=0, atol=1e-12)

@@ -21,7 +21,7 @@ UNTESTABLE = {
     "ambient": set(),
     "time": set(),
 }
-"""What each column of a campaign is needed for."""
+"""Effects that need each column of a campaign."""
 FIELDS = {"approach": "approach", "payload": "weight_n", "truss_travel": "truss_travel_m"}
 UNSAID = {
     "screw_pitch_m": {"drive_cyclic"},
@@ -30,11 +30,11 @@ UNSAID = {
     "ladle_centre_of_mass_m": LOADS,
     "reference_temperature_degC": set(),
 }
-"""What each entry beside the table is needed for."""
+"""Effects that need each entry of the metadata."""
 
 
 def untestable(conditions):
-    """Return the effects that conditions do not allow; check that all others work and say nothing that is no number."""
+    """Return the effects that conditions do not allow; check that all others work and give only finite numbers."""
     lacking = {effect.id for effect in EFFECTS.values() if effect.missing(conditions)}
     for effect in EFFECTS.values():
         if effect.id not in lacking:
@@ -63,8 +63,8 @@ def test_absent_column(bench, column, expected):
     assert untestable(bench.without(column)) == expected
 
 
-def test_what_drives_carry_that_nobody_measured_is_not_taken_for_nothing(bench):
-    """Legs are weighed, the tilt drive is not, and nobody says the load; then one leg is not weighed either."""
+def test_unmeasured_loads_of_drives_are_not_taken_for_zero(bench):
+    """The legs' loads are measured, the tilt drive's is not, and no load is stated; then one leg's is missing, too."""
     force = np.full(bench.campaign.drives.shape, np.nan)
     for drives, known in ((3, {"leg_compliance"}), (2, set())):
         force[:, :3] = np.nan
@@ -74,13 +74,13 @@ def test_what_drives_carry_that_nobody_measured_is_not_taken_for_nothing(bench):
 
 
 @pytest.mark.parametrize(("entry", "expected"), UNSAID.items())
-def test_entry_that_is_not_said(bench, entry, expected):
+def test_an_entry_that_is_missing(bench, entry, expected):
     campaign = dataclasses.replace(bench.campaign, metadata=METADATA.model_copy(update={entry: None}))
     assert untestable(bench.rows_of(campaign).conditions) == expected
 
 
 def test_sides_of_approach_count_where_they_are_known(bench):
-    """An empty column of several takes nothing from the others; all empty are an absent condition."""
+    """One empty column of several does not affect the others; if all are empty the condition is absent."""
     values = np.array(bench.campaign.approach)
     for empty, expected in (([2], set()), ([0, 1, 2, 3], UNTESTABLE["approach"])):
         values[:, empty] = np.nan
@@ -88,14 +88,14 @@ def test_sides_of_approach_count_where_they_are_known(bench):
         assert untestable(bench.rows_of(campaign).conditions) == expected
 
 
-def test_missing_says_which_condition(bench):
+def test_missing_names_the_condition(bench):
     assert EFFECTS["truss_deflection"].missing(bench.without("truss_travel")) == ("truss_travel_m",)
     assert EFFECTS["truss_deflection"].missing(bench.without("payload")) == ("weight_n",)
 
 
 @pytest.mark.parametrize("column", [name for name in UNTESTABLE if name != "time"])
 def test_single_missing_cells_are_filled_from_their_neighbours_in_time(bench, column):
-    """Inside halfway in value as in time; before the first the first; and it is said."""
+    """Inside by linear interpolation in time; before the first value by that value; and it is reported."""
     if column == "approach":
         values = np.array(bench.campaign.approach)
         values[[0, 20]] = np.nan
@@ -120,7 +120,7 @@ def test_single_missing_cells_are_filled_from_their_neighbours_in_time(bench, co
     assert found[0] == pytest.approx(full[1], rel=1e-12)
 
 
-def test_without_times_rows_follow_each_other(bench):
+def test_without_times_the_row_number_stands_for_the_time(bench):
     given = bench.without("time")
     assert not given.time_known
     assert axis_over(["time_s"], given).label == "row"
@@ -129,7 +129,7 @@ def test_without_times_rows_follow_each_other(bench):
     assert given.passed[-1] == 1.0
 
 
-def test_assumed_reference_temperature_is_said(bench):
+def test_an_assumed_reference_temperature_is_reported(bench):
     metadata = METADATA.model_copy(update={"reference_temperature_degC": None})
     given = bench.rows_of(dataclasses.replace(bench.campaign, metadata=metadata)).conditions
     assert given.assumed == ("reference temperature 20 °C",)
@@ -147,14 +147,14 @@ def test_rows_by_the_drawing(bench):
     assert np.isnan(given.swing_rad[:, 3]).all(), "the tilt drive does not slide"
 
 
-def test_sessions_are_numbered_as_they_come(bench):
+def test_sessions_are_numbered_in_order_of_appearance(bench):
     names = ("night",) * 30 + ("day",) * 40
     given = bench.rows_of(dataclasses.replace(bench.campaign, sessions=names)).conditions
     assert np.array_equal(given.session, [0] * 30 + [1] * 40)
 
 
 def test_errors_of_the_model_do_not_change_the_conditions(bench):
-    """What was found must not change what it was found with."""
+    """The answer must not change the conditions it was found with."""
     from pouring_robot.robot.model import RobotModel
     from tests.support import ACTUAL
 
@@ -163,7 +163,7 @@ def test_errors_of_the_model_do_not_change_the_conditions(bench):
         assert getattr(amended, field) == pytest.approx(getattr(bench.rows.conditions, field), rel=1e-9)
 
 
-def test_what_lags_behind_a_step_comes_exponentially():
+def test_a_lagged_quantity_approaches_a_step_exponentially():
     """Closed form, rows out of order: 1 − exp(−t / τ) after the step."""
     time = np.array([300.0, 0.0, 1000.0, 40.0, 1e-9, 90.0])
     given = dataclasses.replace(complete_conditions(ROBOT, 6), time_s=time)
@@ -171,15 +171,15 @@ def test_what_lags_behind_a_step_comes_exponentially():
     assert found == pytest.approx(1.0 - np.exp(-time / 250.0), rel=1e-12, abs=1e-11)
 
 
-def test_over_a_night_between_sessions_what_lags_has_settled():
+def test_over_a_night_between_sessions_a_lagged_quantity_has_settled():
     time, values = np.array([0.0, 600.0, 43200.0, 43800.0]), np.array([25.0, 25.0, 0.0, 0.0])
     given = dataclasses.replace(complete_conditions(ROBOT, 4), time_s=time, session=np.array([0, 0, 1, 1]))
     np.testing.assert_allclose(given.behind(values, 2400.0), values, atol=1e-5)
 
 
 @pytest.mark.parametrize("lag_s", [150.0, 600.0, 2400.0])
-def test_what_lags_does_not_hang_on_how_often_it_was_read(lag_s):
-    """A part behind one that warms up over an hour, read every ten minutes, against SciPy's integrator."""
+def test_a_lagged_quantity_does_not_depend_on_the_sampling_interval(lag_s):
+    """A part lags behind one that warms up over an hour, read every ten minutes, against SciPy's integrator."""
     time, skin = np.arange(0.0, 3.0 * 3600.0 + 1.0, 600.0), lambda t: 20.0 * (1.0 - np.exp(-t / 3600.0))
     exact = {"t_eval": time, "rtol": 1e-10, "atol": 1e-10}
     core = solve_ivp(lambda t, y: (skin(t) - y) / lag_s, (0.0, time[-1]), [0.0], **exact).y[0]
@@ -188,8 +188,8 @@ def test_what_lags_does_not_hang_on_how_often_it_was_read(lag_s):
 
 
 @pytest.mark.parametrize("mixed", [False, True])
-def test_of_a_session_whose_clock_begins_anew_nothing_is_left_in_the_next(mixed):
-    """Warming evenly each follows by T = s (t - τ + τ exp(-t/τ)); rows that mix sessions themselves share a clock."""
+def test_a_session_whose_clock_restarts_does_not_affect_the_next(mixed):
+    """Under a linear rise T = s (t - τ + τ exp(-t/τ)) in each; where rows of sessions are mixed they share a clock."""
     lag, slopes = 600.0, np.array([3e-3, -1e-3])
     time, session = np.tile(np.arange(0.0, 3600.0, 5.0), 2), np.repeat([0, 1], 720)
     expected = slopes[session] * (time - lag + lag * np.exp(-time / lag))
@@ -199,7 +199,7 @@ def test_of_a_session_whose_clock_begins_anew_nothing_is_left_in_the_next(mixed)
     assert (np.abs(given.behind(slopes[session] * time, lag) - expected).max() < 0.02) != mixed
 
 
-def test_what_lags_behind_a_constant_is_constant():
+def test_a_lagged_constant_is_constant():
     given = complete_conditions(ROBOT, 4)
     values = np.tile([3.0, -1.0], (4, 1))
     assert np.array_equal(given.behind(values, 100.0), values)
@@ -211,7 +211,7 @@ def test_few_rows_in_one_session(rows):
 
 
 def test_constant_conditions():
-    """One pose, one load, one temperature, one moment: no effect stumbles."""
+    """One pose, one load, one temperature, one time: no effect fails."""
     given = complete_conditions(ROBOT, 6)
     one = {
         field.name: np.repeat(getattr(given, field.name)[:1], 6, axis=0)
@@ -225,7 +225,7 @@ def test_constant_conditions():
 
 
 def test_nothing_that_varies_is_zero():
-    """No load, no warmth, no travel: forces of zero and their powers are still numbers."""
+    """No load, no temperature rise, no travel: forces of zero and their powers are still numbers."""
     given = complete_conditions(ROBOT, 4)
     zero = {name: np.zeros_like(getattr(given, name)) for name in ("weight_n", "drive_force")}
     zero |= {name: dict.fromkeys(getattr(given, name), np.zeros(4)) for name in ("rises", "travels")}

@@ -1,4 +1,4 @@
-"""Effects of the drives against the independent machine, and what their stories promise."""
+"""Effects of the drives against the independent machine, and what their descriptions promise."""
 
 import itertools
 from dataclasses import replace
@@ -35,18 +35,18 @@ OTHER = [
 
 
 @pytest.mark.parametrize(("effect", "form"), TEXTBOOK)
-def test_columns_span_what_the_textbook_says(bench, effect, form):
-    """Either set of columns can make the other one; the rig differentiates another formulation by hand."""
+def test_columns_span_those_of_the_textbook(bench, effect, form):
+    """Each set of columns spans the other; the rig differentiates another formulation by hand."""
     ours, theirs = bench.columns(effect, form, main=True), bench.textbook(effect)
     assert bench.outside(theirs, ours) <= 1e-8
     assert bench.outside(ours, theirs) <= 1e-8
 
 
 @pytest.mark.parametrize(("effect", "form"), TEXTBOOK)
-def test_values_mean_what_they_say(bench, effect, form):
+def test_values_have_the_stated_meaning(bench, effect, form):
     """With the rig's true constants as values, in their units, the library moves the ladle as the rig's closure does.
 
-    The legs' lengths are rounded to the controller's steps in one and not in the other, hence 1e-6.
+    Only one of the two rounds the legs' lengths to the controller's steps, hence 1e-6.
     """
     errors = bench.errors(effect, "a")
     values = true_values(effect, "a", 1.0, bench.scene, errors)
@@ -62,16 +62,16 @@ def test_other_forms_of_the_rig_are_within_a_form(bench, effect, rig, form):
 
 
 @pytest.mark.parametrize(("effect", "rig", "form", "most"), [
-    ("drive_scale", "b", "from_home", 0.01),  # the same but for legs shorter than their home
-    ("drive_backlash", "b", "both_sides", 0.03),  # a quotient of the load beside a polynomial of it
+    ("drive_scale", "b", "from_home", 0.01),  # the same except for legs shorter than their home
+    ("drive_backlash", "b", "both_sides", 0.03),  # a quotient of the load against a polynomial of it
 ])  # fmt: skip
-def test_forms_that_are_shaped_otherwise_are_nearly_made(bench, effect, rig, form, most):
+def test_forms_of_another_shape_are_nearly_spanned(bench, effect, rig, form, most):
     assert bench.outside(bench.motion(bench.errors(effect, rig)), bench.columns(effect, form)) <= most
 
 
 @pytest.mark.parametrize("home_m", [0.2, 0.4, 0.7])
 def test_a_stroke_from_any_home_is_within_the_form(bench, home_m):
-    """So is its square: a parabola is one whatever it counts from."""
+    """So is its square: a parabola stays one whatever its origin."""
     own = [p for p in bench.form("drive_scale", "from_home").parameters if p.name.startswith("l1_")]
     columns = np.column_stack([p.changes[CHANNELS[0]] for p in own])
     stroke = bench.rows.conditions.lengths_m[:, 0] - home_m
@@ -81,8 +81,8 @@ def test_a_stroke_from_any_home_is_within_the_form(bench, home_m):
 
 
 @pytest.mark.parametrize("home_m", np.linspace(0.35, 0.75, 9))
-def test_a_stroke_from_a_home_within_it_is_mostly_made_by_the_lead_of_some_form(bench, home_m):
-    """Or it would be refused as bent: more than what the search asks of an effect's main parameters."""
+def test_a_stroke_from_a_home_inside_it_is_mostly_spanned_by_the_lead_of_some_form(bench, home_m):
+    """Otherwise it would be refused as bent: the share must exceed what the search asks of main parameters."""
     wanted, shares = bench.rows.conditions.lengths_m[:, 0] - home_m, []
     for name in ("from_home", "from_retracted", "from_extended"):
         lead = next(p for p in bench.form("drive_scale", name).parameters if p.name == "l1_scale")
@@ -91,7 +91,7 @@ def test_a_stroke_from_a_home_within_it_is_mostly_made_by_the_lead_of_some_form(
     assert max(shares) > 1.5 * DEFAULT_THRESHOLDS.least_main_share
 
 
-def test_one_zero_alone_is_a_part_of_all(bench):
+def test_one_zero_alone_is_a_part_of_the_form_of_all(bench):
     every = bench.form("drive_zero_offset", "all").parameters
     for k, name in enumerate(("l1", "l2", "l3", "theta46")):
         (alone,) = bench.form("drive_zero_offset", f"{name}_alone").parameters
@@ -118,7 +118,7 @@ def test_one_session_has_no_homing(bench):
     ]  # fmt: skip
 
 
-def test_cyclic_error_returns_with_every_turn(bench):
+def test_a_cyclic_error_is_periodic_in_the_turn(bench):
     from dataclasses import replace
 
     given = bench.rows.conditions
@@ -130,7 +130,7 @@ def test_cyclic_error_returns_with_every_turn(bench):
 
 
 def left_of(wanted, bench, effect, form, drive="l1_"):
-    """Return what a drive's own columns of a form leave of a course (n,), and their condition number."""
+    """Return the residual of a course (n,) after a drive's own columns of a form, and their condition number."""
     columns = np.column_stack(
         [p.changes[CHANNELS[0]] for p in bench.form(effect, form).parameters if p.name.startswith(drive)]
     )
@@ -138,16 +138,16 @@ def left_of(wanted, bench, effect, form, drive="l1_"):
 
 
 @pytest.mark.parametrize("bend", [-1.0, 0.7, 3.0])
-def test_a_bent_screw_may_wobble_more_towards_its_end(bench, bend):
-    """A wave whose amplitude is straight along the stroke, from wherever it counts."""
+def test_the_wobble_of_a_bent_screw_may_grow_along_it(bench, bend):
+    """A wave whose amplitude is linear in the stroke, from any origin."""
     length = bench.rows.conditions.drives[:, 0]
     wanted = 1e-3 * (1.0 + bend * length) * np.sin(2.0 * np.pi * length / PITCH_M + 0.4)
     left, condition = left_of(wanted, bench, "drive_cyclic", "turns")
     assert np.abs(left).max() <= round_off(condition, terms=10 * len(wanted)) * np.abs(wanted).max()
 
 
-def test_free_play_lies_on_the_flank_that_force_presses_it_to(bench):
-    """Where it is larger than the friction that drags the nut, which is alike for all screws."""
+def test_backlash_lies_on_the_flank_to_which_force_presses(bench):
+    """Where the force exceeds the friction that drags the nut, which is the same for all screws."""
     form = "pressed_from_1.06"
     given = bench.rows.conditions
     usual = np.abs(given.drive_force[:, :3]).mean()
@@ -160,8 +160,8 @@ def test_free_play_lies_on_the_flank_that_force_presses_it_to(bench):
         assert np.array_equal(change[~dragged], -1e-3 * np.sign(force[~dragged]))
 
 
-def test_any_force_that_presses_may_stand_in_a_model_file(bench):
-    """Forms that are searched are not all: what was learned elsewhere presses from the same force on."""
+def test_a_model_file_may_hold_any_force_that_presses(bench):
+    """It is not limited to the forms that are searched: what was learned elsewhere presses from the same force on."""
     assert "pressed_from_0.777" not in [form.name for form in EFFECTS["drive_backlash"].forms(bench.rows.conditions)]
     assert bench.form("drive_backlash", "pressed_from_0.777").name == "pressed_from_0.777"
 
@@ -175,8 +175,8 @@ def test_backlash_on_one_side_leaves_the_other_alone(bench):
             assert np.allclose(change[side[:, k] != idle], -1e-3 * idle)
 
 
-def test_backlash_is_asked_of_drives_whose_side_is_known(bench):
-    """A campaign may tell it of one drive only, or leave the others' columns empty."""
+def test_backlash_is_fitted_for_drives_whose_side_of_approach_is_known(bench):
+    """A campaign may give it for one drive only, or leave the others' columns empty."""
     backlash, campaign = EFFECTS["drive_backlash"], bench.campaign
     partly = np.where(np.arange(4) == 1, campaign.approach, np.nan)
     given = bench.rows_of(replace(campaign, approach=partly)).conditions
@@ -192,15 +192,15 @@ def test_backlash_is_asked_of_drives_whose_side_is_known(bench):
 
 
 def test_backlash_without_loads_has_no_load_parameters(bench):
-    """The payload is not needed; without it the play cannot depend on it."""
+    """The payload is not needed; without it the backlash cannot depend on it."""
     names = [p.name for p in EFFECTS["drive_backlash"].form("both_sides", bench.without("payload")).parameters]
     assert names[:4] == ["l1_play", "l2_play", "l3_play", "theta46_play"]
     assert not any("load" in name for name in names)
     assert any("load" in p.name for p in bench.form("drive_backlash", "both_sides").parameters)
 
 
-def test_the_scale_of_one_drive_alone_is_its_share_of_all(bench):
-    """Other leads, by the length: a single screw of another batch costs no parameters of the others."""
+def test_the_scale_of_one_drive_alone_is_its_part_of_the_form_of_all(bench):
+    """Leads that depend on the length: a single screw of another batch costs no parameters of the others."""
     whole = {p.name: p for p in bench.form("drive_scale", "whole_length").parameters}
     forms = {form.name: form for form in EFFECTS["drive_scale"].forms(bench.rows.conditions)}
     alone = {name: form for name, form in forms.items() if name.endswith("_alone")}
@@ -214,10 +214,10 @@ def test_the_scale_of_one_drive_alone_is_its_share_of_all(bench):
 
 
 def test_forces_that_press_alike_are_one_form(bench):
-    """Free play that is pressed nowhere is both sides; of a force that is even but for a row hardly two are left."""
+    """Backlash without pressing is "both sides"; of a force that is even except for one row hardly two forms remain."""
     given = bench.rows.conditions
     usual = np.abs(given.drive_force).mean(axis=0)
-    usual[:3] = usual[:3].mean()  # alike screws
+    usual[:3] = usual[:3].mean()  # equal screws
     even = usual * np.sign(given.drive_force)
     even[0] *= 1.3
     names = {}
@@ -234,8 +234,8 @@ def test_forces_that_press_alike_are_one_form(bench):
     assert len(names["even"]) == 5 < len(names["own"])
 
 
-def test_of_slides_those_without_a_screw_have_no_period():
-    """A linear motor beside two screws: neither is the campaign asked for its lead, nor does it wobble."""
+def test_slides_without_a_screw_have_no_period():
+    """A linear motor next to two screws needs no lead in the campaign and has no wobble."""
     screw, other = (Drive(name, name, "m", "angle", 0.01 / (2.0 * np.pi)) for name in "xz")
     motor = Drive("y", "y", "m", "length")
     given = {"sizes": (1.0, 0.2), "period": "pitch"}
@@ -244,8 +244,8 @@ def test_of_slides_those_without_a_screw_have_no_period():
     assert Periodic("drive_periodic", "", (motor,), **given).needs == ("screw_pitch_m",)
 
 
-def test_a_screw_on_both_sides_of_its_zero_wobbles_by_what_it_wobbles(tmp_path):
-    """More towards one end, as a bent one does: not many times as far, nor by no number where it stands still."""
+def test_the_wobble_of_a_screw_with_travel_on_both_sides_of_zero_keeps_its_size(tmp_path):
+    """It grows towards one end, as for a bent screw, but moderately, and is finite where the drive never moves."""
     joint = """<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/>
       <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
     links = "".join(f'<link name="{name}"/>' for name in ("bed", "saddle", "table"))

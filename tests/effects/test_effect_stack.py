@@ -1,4 +1,4 @@
-"""The effect stack of a model file: read, written, applied to the robot row by row, and errors in it."""
+"""The effect stack of a model file: read, written, put into the robot row by row, and what may be wrong with one."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ STACK = [
 
 
 def put_in(bench, *entries):
-    """Return what a model with effects predicts for the rows of the bench."""
+    """Return the predictions of a model with effects for the rows of the bench."""
     rows = bench.rows_of(bench.campaign, RobotModel(effects=list(entries)))
     return rows.predicted(rows.unchanged(), bench.true_frames)
 
@@ -45,14 +45,14 @@ def test_round_trip(tmp_path):
     assert RobotModel.load(path).save(tmp_path / "again.yaml").read_bytes() == path.read_bytes()
 
 
-def test_stack_is_told_apart(tmp_path):
+def test_stacks_with_different_effects_are_not_equal(tmp_path):
     assert RobotModel(effects=STACK) != RobotModel(effects=STACK[:2])
     assert RobotModel(effects=STACK).is_drawing, "an effect that depends on conditions displaces nothing by itself"
 
 
 @pytest.mark.parametrize("kind", EFFECTS.values(), ids=lambda kind: kind.id)
 def test_stack_of_a_file_moves_the_robot_as_the_parameters_do(bench, rng, tmp_path, kind):
-    """Every effect in its first form, through YAML: the very same closure."""
+    """Every effect in its first form, through YAML: exactly the same closure."""
     form = kind.forms(bench.rows.conditions)[0]
     values = 0.1 * np.array([p.prior_std for p in form.parameters]) * rng.normal(size=len(form.parameters))
     named = {p.name: value for p, value in zip(form.parameters, values.tolist(), strict=True)}
@@ -68,7 +68,7 @@ def test_parameters_left_out_are_zero(bench):
     assert np.array_equal(nothing.position_m, put_in(bench).position_m)
 
 
-def test_what_is_placed_already_is_not_put_in_again(bench):
+def test_effects_that_are_already_placements_are_not_applied_again(bench):
     seen = put_in(bench, entry("drive_zero_offset", "all", {"l1_offset": 0.25}, placed=True))
     assert np.array_equal(seen.position_m, put_in(bench).position_m)
     moved = put_in(bench, entry("drive_zero_offset", "all", {"l1_offset": 0.25}))
@@ -96,7 +96,7 @@ def test_several_effects_add_up(bench):
         ),
     ],
 )
-def test_unknown_names_and_units_are_refused_on_one_line(bench, tmp_path, wrong, said):
+def test_unknown_names_and_units_are_refused_in_one_line(bench, tmp_path, wrong, said):
     with pytest.raises(BadInputError) as problem:
         put_in(bench, wrong)
     assert said in str(problem.value)
@@ -107,7 +107,7 @@ def test_unknown_names_and_units_are_refused_on_one_line(bench, tmp_path, wrong,
     assert str(of_a_file.value) == f"{tmp_path / 'model.yaml'}: {problem.value}"
 
 
-def test_condition_that_the_campaign_does_not_say(bench):
+def test_a_condition_that_the_campaign_lacks(bench):
     campaign = bench.campaign.with_conditions(truss_travel=None)
     model = RobotModel(effects=[entry("truss_deflection", "moving_load", {"sink": 1.0})])
     with pytest.raises(DiagnosisError, match="'truss_deflection' needs truss_travel_m, and the campaign") as problem:

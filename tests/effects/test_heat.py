@@ -10,7 +10,7 @@ TEXTBOOK = [("leg_thermal_expansion", "own_temperature"), ("platform_thermal_exp
 
 
 @pytest.mark.parametrize(("effect", "form"), TEXTBOOK)
-def test_columns_span_what_the_textbook_says(bench, effect, form):
+def test_columns_span_those_of_the_textbook(bench, effect, form):
     ours, theirs = bench.columns(effect, form, main=True), bench.textbook(effect)
     assert ours.shape[1] == theirs.shape[1] == 1
     assert bench.outside(theirs, ours) <= 1e-8
@@ -18,7 +18,7 @@ def test_columns_span_what_the_textbook_says(bench, effect, form):
 
 
 @pytest.mark.parametrize(("effect", "form"), TEXTBOOK)
-def test_expansion_means_what_it_says(bench, effect, form):
+def test_expansion_has_the_stated_meaning(bench, effect, form):
     errors = bench.errors(effect, "a")
     values = true_values(effect, "a", 1.0, bench.scene, errors)
     assert values == {"expansion": (10.0, "1e-6/K")}
@@ -49,8 +49,8 @@ def test_legs_grow_by_length_and_temperature(bench):
     assert len(main.changes) == 3, "leg 4 is passive"
 
 
-def test_biased_thermometer_can_be_made_up_for(bench):
-    """A leg's thermometer that reads 5 K too much: its bias parameter gives back the true column."""
+def test_a_biased_thermometer_can_be_corrected(bench):
+    """A leg's thermometer reads 5 K too much: its bias parameter restores the true column."""
     from dataclasses import replace
 
     given = bench.rows.conditions

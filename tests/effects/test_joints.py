@@ -17,7 +17,7 @@ def test_centres_span_what_the_textbook_says(bench):
 @pytest.mark.parametrize("side", ["s1", "seat_mount"])
 @pytest.mark.parametrize("leg", LEGS)
 def test_a_centre_is_displaced_in_millimetres_along_the_axes_of_its_platform(bench, leg, side):
-    """The rig moves the same centre by the same way; nothing is fitted but the frames."""
+    """The rig moves the same centre by the same amount; nothing is fitted but the frames."""
     way = np.array([0.3, -0.8, 0.5])
     errors = Errors.none(len(bench.scene))
     (errors.upper if side == "s1" else errors.lower)[:, leg - 1] = 1e-3 * way
@@ -57,8 +57,8 @@ def test_an_axis_is_tilted_in_milliradians_and_the_next_joint_stays(bench, leg, 
 
 
 @pytest.mark.parametrize("leg", LEGS)
-def test_a_twisted_leg_is_twisted_wherever_that_happens(bench, leg):
-    """What turns a leg's lower end about it against the upper one may sit in the barrel or in the rod."""
+def test_a_twisted_leg_is_the_same_wherever_the_twist_is(bench, leg):
+    """A rotation of a leg's lower end about its axis relative to the upper one may be in the barrel or in the rod."""
     (twist,) = (p for p in bench.form("joint_axis_tilt", "twisted_legs").parameters if p.name == f"leg{leg}_twist")
     barrel = 1e-3 * bench.rows.channel(f"leg{leg}_s3.rz", bench.linear)
     rod = bench.rows.column(twist, bench.linear) / twist.prior_std
@@ -69,7 +69,7 @@ def test_a_twisted_leg_is_twisted_wherever_that_happens(bench, leg):
     ("fixed_platform", "s1", "z"), ("fixed_platform", "s1", "y"), ("moving_platform", "seat_mount", "x"),
 ])  # fmt: skip
 def test_all_centres_of_a_platform_together_are_absorbed_by_a_frame(bench, form, joint, axis):
-    """A platform whose centres are all shifted alike stands elsewhere; nobody can tell."""
+    """A platform whose centres are all shifted alike is displaced as a whole; no measurement shows that."""
     values = {f"leg{leg}_{joint}.t{axis}": 1.0 for leg in LEGS}
     together = bench.valued("joint_centre_offset", form, values)
     alone = bench.valued("joint_centre_offset", form, dict([next(iter(values.items()))]))

@@ -1,4 +1,4 @@
-"""Effects of weight: forces by statics and by the independent machine, deflections by a closure that yields."""
+"""Effects of weight: forces by statics and by the independent machine, deflections by a compliant closure."""
 
 from dataclasses import replace
 
@@ -36,10 +36,10 @@ def test_forces_are_those_of_the_independent_machine(bench):
     assert np.abs(given.drive_force[:, 3] - scene.moment).max() <= 1e-6 * np.abs(scene.moment).max()
 
 
-def test_forces_hold_the_ladle(bench):
-    """Virtual work with the inverse kinematics, which knows no transfer matrix: Jᵀ f + weight = 0 for x, y, z, tilt.
+def test_forces_balance_the_ladle(bench):
+    """Virtual work with the inverse kinematics, without the transfer matrix: Jᵀ f + weight = 0 for x, y, z, tilt.
 
-    Rows of J are by how much legs 1 to 3 and θ46 = r − ψ4 change with the platform's four freedoms.
+    The rows of J are the changes of legs 1 to 3 and of θ46 = r − ψ4 with the platform's four freedoms.
     """
     given, scene = bench.rows.conditions, bench.scene
     position, quaternion = scene.poses.position, scene.poses.quaternion
@@ -66,10 +66,10 @@ def stiff_mechanism():
 
 
 @pytest.mark.parametrize("drive", range(4))
-def test_deflections_are_those_of_a_closure_whose_drives_yield(bench, drawing, stiff_mechanism, drive):
-    """A spring in one drive and a mass of 300 kg in the whole energy, against force over stiffness as a drive's change.
+def test_deflections_are_those_of_a_closure_with_compliant_drives(bench, drawing, stiff_mechanism, drive):
+    """One compliant drive and a mass of 300 kg in the total energy, against force over stiffness as a drive's change.
 
-    The links' own weight, and what the joints give, drop out of the differences.
+    The links' own weight, and the compliance of the joints, cancel in the differences.
     """
     row, mass, stiffness = 7, 300.0, 1e9 if drive < 3 else 1e8
     given, soft = bench.rows.conditions, {stiff_mechanism.loops.drives[drive]: stiffness}
@@ -86,7 +86,7 @@ def test_deflections_are_those_of_a_closure_whose_drives_yield(bench, drawing, s
 
 
 def motion_of_platform(bench, row, seen):
-    """Return by how much the platform's origin moves in the fixed platform where the target is seen to move."""
+    """Return the motion of the platform's origin in the fixed platform from the seen motion of the target."""
     axes = bench.true_frames.T_tracker_base.rotation
     shift, turn = axes.T @ seen[:3] * SIGMA_M, axes.T @ seen[3:] * SIGMA_RAD
     rotation = bench.rows.conditions.rotation[row]
@@ -98,7 +98,7 @@ def test_gravity_is_the_standard_one():
 
 
 @pytest.mark.parametrize(("effect", "form"), TEXTBOOK)
-def test_compliance_means_what_it_says(bench, effect, form):
+def test_compliance_has_the_stated_meaning(bench, effect, form):
     errors = bench.errors(effect, "a")
     ((name, (value, unit)),) = true_values(effect, "a", 1.0, bench.scene, errors).items()
     main = bench.form(effect, form).parameters[0]
@@ -106,8 +106,8 @@ def test_compliance_means_what_it_says(bench, effect, form):
     assert bench.apart(bench.motion(errors), bench.valued(effect, form, {name: value})) <= 1e-6
 
 
-def test_columns_span_what_the_textbook_says(bench):
-    """The rig's textbook lets a leg stretch with pull, and with pull and length: the two main forms together."""
+def test_columns_span_those_of_the_textbook(bench):
+    """In the rig's textbook a leg stretches with pull, and with pull times length: the two main forms together."""
     theirs = bench.textbook("leg_compliance")
     ours = np.hstack([bench.columns("leg_compliance", form, main=True) for form in ("rod", "nut")])
     assert bench.outside(theirs, ours) <= 1e-8
@@ -121,7 +121,7 @@ def test_columns_span_what_the_textbook_says(bench):
     [
         ("leg_compliance", "b", "nut", 1e-6),
         ("leg_compliance", "c", "contact", 1e-6),
-        ("tilt_drive_compliance", "b", "spring", 1e-3),  # a hyperbolic tangent beside a cubic
+        ("tilt_drive_compliance", "b", "spring", 1e-3),  # a hyperbolic tangent against a cubic
         ("truss_deflection", "a", "moving_load", 1e-6),
         ("truss_deflection", "b", "even_load", 1e-6),
         ("truss_deflection", "c", "half_sine", 1e-6),
@@ -143,7 +143,7 @@ def test_the_truss_sinks_by_millimetres_and_leans_by_the_slope(bench):
 
 
 @pytest.mark.parametrize("form", ["moving_load", "even_load", "half_sine"])
-def test_lines_of_deflection(bench, form):
+def test_shapes_of_deflection(bench, form):
     """1 at mid-span, 0 at the posts, and the lean is the slope of the line: central differences."""
     step = 1e-4
     along = np.linspace(0.1, SPAN_M - 0.1, len(bench.rows))
@@ -162,8 +162,8 @@ def test_lines_of_deflection(bench, form):
 
 @pytest.mark.parametrize("rail", ["x", "y"])
 @pytest.mark.parametrize("mounted", [(0.0, 0.0, 0.0), (np.pi, 0.0, 0.0), (0.3, -0.2, 0.5)])
-def test_a_base_sinks_where_weight_pulls_and_leans_along_its_rail(tmp_path, rail, mounted):
-    """However it is mounted: a beam along x pitches what one along y rolls."""
+def test_a_base_sinks_along_gravity_and_leans_along_its_rail(tmp_path, rail, mounted):
+    """In any mounting: a beam along x pitches where one along y rolls."""
     way = np.eye(3)["xyz".index(rail)]
     urdf = f"""<robot name="hung"><link name="hall"/><link name="car"/><link name="base"/><link name="tool"/>
       <joint name="rail" type="prismatic"><parent link="hall"/><child link="car"/>
@@ -184,13 +184,13 @@ def test_a_base_sinks_where_weight_pulls_and_leans_along_its_rail(tmp_path, rail
         for kind, name in (("t", "sink"), ("r", "lean"))
         for changes in [parameters[name]]
     }
-    quarter = np.pi / 4.0  # half a sine over 6 m, a quarter of the way
+    quarter = np.pi / 4.0  # half a sine over 6 m, at a quarter of it
     np.testing.assert_allclose(moved["sink"], [0.0, 0.0, -1e-3 * np.sin(quarter)], rtol=0, atol=1e-15)
     slope = 1e-3 * np.pi / 6.0 * np.cos(quarter)
     np.testing.assert_allclose(moved["lean"], slope * np.cross(way, [0.0, 0.0, 1.0]), rtol=0, atol=1e-15)
 
 
-def test_dead_load_bends_whatever_is_in_the_ladle(bench):
+def test_the_dead_load_bends_whatever_the_payload(bench):
     parameters = {p.name: p for p in bench.form("truss_deflection", "moving_load").parameters}
     load = bench.rows.conditions.weight_n / 6500.0
     for name in ("sink", "lean", "torsion"):
@@ -199,15 +199,15 @@ def test_dead_load_bends_whatever_is_in_the_ladle(bench):
         assert parameters[name].changes[channel] == pytest.approx(dead * load, rel=1e-12)
 
 
-def test_heavier_ladle_pulls_harder(bench):
-    """Weight and forces go with tare and payload; without either nothing can be said."""
+def test_forces_are_proportional_to_the_weight_of_the_ladle(bench):
+    """Weight and forces follow from tare and payload."""
     twice = bench.campaign.with_conditions(payload=2.0 * bench.campaign.payload_kg + TARE_KG)
     heavier = bench.rows_of(twice).conditions
     assert heavier.drive_force == pytest.approx(2.0 * bench.rows.conditions.drive_force, rel=1e-12)
 
 
-def test_a_rod_stretches_under_its_load_whichever_way_its_slide_counts(tmp_path):
-    """Hooke's law: what hangs on a rod of steel is lower by W l / E A, and a slide may count down or up from zero."""
+def test_a_rod_stretches_under_its_load_in_either_direction_of_its_slide(tmp_path):
+    """Hooke's law: a load on a steel rod is lower by W l / E A, and a slide may count down or up from zero."""
     lowered = {}
     for way, limits in ((-1.0, "0 1"), (1.0, "-1 0")):
         lower, upper = limits.split()
@@ -221,14 +221,14 @@ def test_a_rod_stretches_under_its_load_whichever_way_its_slide_counts(tmp_path)
         lengths, weight = np.array([[0.2], [0.5], [0.9]]), 1000.0
         rows = replace(bare_conditions(robot), drives=-way * lengths, drive_force=np.full((3, 1), -way * weight))
         rod = all_effects(robot)["drive_compliance"].form("rod", rows).parameters[0]
-        assert rod.bounds[0] == 0.0  # it gives way, and never comes to meet its load
+        assert rod.bounds[0] == 0.0  # it yields along the load and never against it
         lowered[way] = -way * rod.changes["drive.rod"]
     np.testing.assert_allclose(lowered[-1.0], 1e-3 * np.array([0.2, 0.5, 0.9]), rtol=1e-12)
     np.testing.assert_allclose(lowered[1.0], lowered[-1.0], rtol=1e-12)
 
 
-def test_moments_on_joints_turn_closures_as_far_as_they_yield(bench, drawing, stiff_mechanism):
-    """What the energy makes of closures that yield to turning alone, against moment over stiffness at their joints."""
+def test_moments_on_joints_turn_compliant_closures(bench, drawing, stiff_mechanism):
+    """Closures that yield only in rotation, by the total energy, against moment over stiffness at their joints."""
     row, mass, softer = 7, 300.0, 1e-9
     stiff = 1.0 / stiff_mechanism.loops.stiffness.rotation.value
     soft = soft_against_turning(stiff_mechanism, 1.0 / (stiff + softer))

@@ -1,4 +1,4 @@
-"""Missing cells: which rows are filled from other rows, and which are left out."""
+"""Missing cells: which of them other rows determine, and which rows are left out."""
 
 import dataclasses
 
@@ -8,8 +8,8 @@ import pytest
 from pouring_robot.effects.missing_cells import filled_in, rows_without
 
 
-def test_a_condition_is_not_carried_on_long_after_its_last_value(bench):
-    """Three rows are, and what never changed is; an hour of the last reading would be a furnace that stood still."""
+def test_a_condition_is_not_extrapolated_long_after_its_last_value(bench):
+    """Three rows are filled, and a constant is; an hour of the last reading would be a furnace that stood still."""
     leg1 = np.linspace(20.0, 40.0, len(bench.campaign))
     ended, almost, same = leg1.copy(), leg1.copy(), np.full(len(leg1), 20.0)
     ended[-4:], almost[-3:], same[1:] = np.nan, np.nan, np.nan
@@ -18,8 +18,8 @@ def test_a_condition_is_not_carried_on_long_after_its_last_value(bench):
     np.testing.assert_array_equal(found["leg1_degC"], np.arange(len(leg1) - 4, len(leg1)))
 
 
-def test_a_load_is_told_between_two_alike_where_loads_stand_still(bench):
-    """Of blocks of ten those between two blocks are not, nor any where each row has a load of its own."""
+def test_a_load_is_filled_in_between_two_equal_ones_where_loads_stay_constant(bench):
+    """With blocks of ten rows, none between two blocks is; where each row has a load of its own, none at all."""
     rows = np.arange(len(bench.campaign))
     blocks, own = 10.0 * (rows // 10 % 3), np.random.default_rng(1).uniform(0.0, 20.0, len(rows))
     for payload, left in ((blocks, [29]), (own, [4, 15, 29])):
@@ -33,8 +33,8 @@ def test_a_load_is_told_between_two_alike_where_loads_stand_still(bench):
 
 
 @pytest.mark.parametrize("turned", [False, True])
-def test_the_side_of_a_row_is_not_guessed(bench, turned):
-    """Where sides change from row to row; where all but one rows of a drive came from one side, the neighbours tell."""
+def test_the_side_of_approach_is_not_guessed(bench, turned):
+    """It is unknown where sides change from row to row, and known where all rows of a drive but one have the same."""
     sides = np.array(bench.campaign.approach)
     sides[:, 1] = np.where(np.arange(len(sides)) == 20, -1.0, 1.0)
     sides[9, 1] = np.nan
@@ -45,8 +45,8 @@ def test_the_side_of_a_row_is_not_guessed(bench, turned):
     assert {name: rows.tolist() for name, rows in found.items()} == ({"approach_q2": [9]} if turned else {})
 
 
-def test_the_side_of_a_first_row_is_known_by_nobody(bench):
-    """Driven to from the row before, as the metadata say."""
+def test_the_side_of_approach_of_a_first_row_is_unknown(bench):
+    """The metadata state that each row is approached from the row before."""
     sides = np.array(bench.campaign.approach)
     sides[[0, 7]], sides[9, 1] = np.nan, np.nan
     metadata = bench.campaign.metadata.model_copy(update={"approach": "row before"})
@@ -56,8 +56,8 @@ def test_the_side_of_a_first_row_is_known_by_nobody(bench):
     assert not rows_without(dataclasses.replace(stated, approach=np.full(sides.shape, np.nan)))
 
 
-def test_a_session_whose_clock_begins_anew_tells_nothing_of_another(bench):
-    """A lost cell lies between its neighbours of its own session, not between rows of all that have such a time."""
+def test_a_session_whose_clock_restarts_does_not_fill_another(bench):
+    """A missing cell is filled from neighbours in its own session, not from rows of other sessions at such a time."""
     half = len(bench.campaign) // 2
     session = np.arange(len(bench.campaign)) // half
     time, leg1 = 60.0 * (np.arange(len(session)) % half), 20.0 + 100.0 * session

@@ -40,7 +40,7 @@ def plugin(folder, monkeypatch):
 
 @pytest.fixture(scope="module")
 def worn():
-    """A hundred and ten noisy rows of a robot whose screws are worn at 600 mm: the exact closure with it put in."""
+    """A hundred and ten noisy rows of a robot whose screws are worn at 600 mm: the exact closure with that effect."""
     sys.path.insert(0, str(EXAMPLE))
     try:
         from screw_wear import ScrewWear
@@ -55,7 +55,7 @@ def worn():
 
 @pytest.fixture(scope="module")
 def kept():
-    """What is made once, though each test finds the plug-in anew."""
+    """The results that are made once, though each test finds the plug-in anew."""
     return {}
 
 
@@ -66,7 +66,7 @@ def found(plugin, worn, kept):
     return kept["found"]
 
 
-def test_the_package_is_small_and_says_where_its_class_is():
+def test_the_package_is_small_and_names_its_class():
     settings = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))
     assert settings["project"]["entry-points"][GROUP] == {"screw_wear": "screw_wear:ScrewWear"}
     assert len((EXAMPLE / "screw_wear.py").read_text(encoding="utf-8").splitlines()) <= 40
@@ -85,7 +85,7 @@ def test_its_entry_point_is_found(plugin, bench):
 
 
 def test_the_command_lists_it(folder):
-    """In an interpreter of its own, as a user has it."""
+    """In a separate interpreter, as for a user."""
     paths = [str(folder), *filter(None, [os.environ.get("PYTHONPATH")])]
     command = [sys.executable, "-m", "pouring_robot", "effects", "--json"]
     done = subprocess.run(
@@ -105,8 +105,8 @@ def test_it_is_for_every_layout_of_the_robot(plugin):
     assert plugin.id in all_effects(RobotModel(layout="wide").definition)
 
 
-def test_it_is_drawn_and_told_apart_as_a_built_in_effect_is(plugin, bench):
-    """Driven by the lengths of the legs, as a wrong lead is: the same axis and the same suggestions."""
+def test_it_is_drawn_and_distinguished_like_a_built_in_effect(plugin, bench):
+    """It depends on the lengths of the legs, as a wrong lead does: the same axis and the same suggestions."""
     effects, conditions = all_effects(), bench.rows.conditions
     own, lead = plugin.axis(conditions), effects["drive_scale"].axis(conditions)
     assert own.label == lead.label == "length of leg 1 [mm]"
@@ -118,7 +118,7 @@ def test_it_is_drawn_and_told_apart_as_a_built_in_effect_is(plugin, bench):
     assert said[0].startswith("measure with legs as short and as long as possible")
 
 
-def test_an_effect_that_says_only_what_it_needs_has_words_too(bench):
+def test_an_effect_that_states_only_its_needs_has_words_too(bench):
     class Warped(Effect):
         id, story, needs = "warped", "the hall warms one side of the truss", ("ambient_rise_k",)
 
@@ -145,8 +145,8 @@ def test_diagnosis_names_it_with_its_values(plugin, found):
     assert found.held_out.closed > 0.9
 
 
-def test_the_amended_model_holds_it_and_leaves_nothing_over(found, worn, tmp_path):
-    """Saved, loaded and diagnosed again: the stack puts the effect in, and no gap is left."""
+def test_the_amended_model_holds_it_and_no_gap_is_left(found, worn, tmp_path):
+    """Saved, loaded and diagnosed again: the stack applies the effect, and no gap remains."""
     model = RobotModel.load(amended(found).save(tmp_path / "worn.yaml"))
     assert [(entry.effect, entry.form, entry.placed) for entry in model.effects] == [("screw_wear", "at_600_mm", False)]
     assert diagnose(worn, model).judgement.verdict == "no_gap"

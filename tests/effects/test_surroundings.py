@@ -1,4 +1,4 @@
-"""Creeping ground and a wrong scale against the independent machine."""
+"""A creeping base and a wrong scale against the independent machine."""
 
 import numpy as np
 import pytest
@@ -11,17 +11,17 @@ TEXTBOOK = [("base_drift", "steady"), ("metrology_scale", "constant")]
 
 
 @pytest.mark.parametrize(("effect", "form"), TEXTBOOK)
-def test_columns_span_what_the_textbook_says(bench, effect, form):
+def test_columns_span_those_of_the_textbook(bench, effect, form):
     ours, theirs = bench.columns(effect, form, main=True), bench.textbook(effect)
     if effect == "metrology_scale":
-        # The rig's textbook scales the platform's origin, its device and the library what is seen: the target.
+        # The rig's textbook scales the platform's origin; its device and the library scale what is seen: the target.
         theirs = bench.motion(bench.errors(effect, "a"))[:, None]
     assert bench.outside(theirs, ours) <= 1e-7
     assert bench.outside(ours, theirs) <= 1e-7
 
 
 @pytest.mark.parametrize(("effect", "form"), TEXTBOOK)
-def test_values_mean_what_they_say(bench, effect, form):
+def test_values_have_the_stated_meaning(bench, effect, form):
     """A drift's value is how far the platform creeps in the whole campaign; a scale's are millionths."""
     errors = bench.errors(effect, "a")
     values = true_values(effect, "a", 1.0, bench.scene, errors)
@@ -37,7 +37,7 @@ def test_forms_of_the_rig_are_within_a_form(bench, rig, form):
 
 
 @pytest.mark.parametrize("form", ["steady", "settling_0.15", "settling_0.3", "logarithmic"])
-def test_main_courses_are_of_one_size(bench, form):
+def test_main_courses_have_the_same_size(bench, form):
     """From beginning to end about 1 mm or 1 mrad for a value of one, whatever the course."""
     for p in bench.form("base_drift", form).parameters[:6]:
         ((channel, change),) = p.changes.items()
@@ -45,7 +45,7 @@ def test_main_courses_are_of_one_size(bench, form):
         assert np.ptp(change) == pytest.approx(1e-3, rel=0.2)
 
 
-def test_scale_by_air_needs_the_air(bench):
+def test_a_scale_by_air_needs_the_air_temperature(bench):
     """Without a hall thermometer the scale is constant."""
     form = EFFECTS["metrology_scale"].form("constant", bench.without("ambient"))
     assert [p.name for p in form.parameters] == ["scale"]
@@ -56,5 +56,5 @@ def test_scale_leaves_rotations_alone(bench):
     column = bench.columns("metrology_scale", "constant", main=True).reshape(-1, 6)
     assert not column[:, 3:].any()
     assert column[:, :3].any()
-    spread = np.linalg.norm(column - column.mean(axis=0))  # what all rows share is a matter of the frames
+    spread = np.linalg.norm(column - column.mean(axis=0))  # the part common to all rows is in the frames
     assert np.linalg.norm(without(column.reshape(-1), bench.frames)) > 0.1 * spread

@@ -45,7 +45,7 @@ MOVING = [effect for effect in EFFECTS.values() if effect.moves_robot]
 
 
 def entry_of(kind, conditions, random, form=0):
-    """Return an effect in one of its forms with values drawn, as a diagnosis writes it."""
+    """Return an effect in one of its forms with random values, as a diagnosis writes it."""
     form = kind.forms(conditions)[form]
     values = {
         p.name: ParameterEntry(value=0.3 * p.prior_std * float(random.normal()), unit=p.unit) for p in form.parameters
@@ -68,13 +68,13 @@ def given_of(campaign):
 
 
 def places(robots, drives):
-    """Return where the end bodies of robots are in the base, (n, 4, 4)."""
+    """Return the poses of the end bodies of robots in the base, (n, 4, 4)."""
     both = zip(robots, drives, strict=True)
     return np.array([robot.location_at(row).actual.pose_base_to_end.homogeneous for robot, row in both])
 
 
 def predicted(rows):
-    """Return the same by the rows of a diagnosis: closed at once, the base displaced behind the closure."""
+    """Return the same for the rows of a diagnosis: closed at once, the base displaced behind the closure."""
     frames = dataclasses.replace(rows.frames, T_tracker_base=pin.SE3.Identity(), T_end_target=pin.SE3.Identity())
     seen = rows.predicted(rows.unchanged(), frames)
     return np.concatenate([seen.rotation, seen.position_m[:, :, None]], axis=2)
@@ -86,20 +86,20 @@ def rows_of(campaign, model):
 
 BASE_JOINT = "base_link-base_fixed_joint"  # which may stand for the link that it carries
 SOME = slice(None, None, 5)
-"""Rows that are closed one at a time, which takes long, to be compared."""
+"""Rows to be compared: they are closed one at a time, which takes long."""
 CROOKED = {"leg2_s1": {"translation_mm": (0.3, -0.2, 0.1), "rotation_mrad": (0.4, 0.1, -0.3)}}
 
 
 @pytest.fixture(scope="module")
 def bare(bench):
-    """Where a crooked robot stands in some rows of the campaign, without effects."""
+    """Poses of a crooked robot in some rows of the campaign, without effects."""
     drives = bench.campaign.drives[SOME]
     return places([robot_of(RobotModel(joint_placements=CROOKED))] * len(drives), drives)
 
 
 @pytest.mark.parametrize("kind", MOVING, ids=lambda kind: kind.id)
-def test_a_robot_stands_where_the_diagnosis_closes_it(bench, bare, rng, kind):
-    """Rows out of their order, first and last form; 1e-7 m: placements are composed, a diagnosis adds up twists."""
+def test_a_robot_has_the_poses_that_the_diagnosis_predicts(bench, bare, rng, kind):
+    """Rows out of order, first and last form; 1e-7 m: the robot composes placements, a diagnosis adds twists."""
     rows = rows_of(bench.campaign, RobotModel())
     for form in {0, len(kind.forms(rows.conditions)) - 1}:
         model = model_with(rows, entry_of(kind, rows.conditions, rng, form), joint_placements=CROOKED)
@@ -111,7 +111,7 @@ def test_a_robot_stands_where_the_diagnosis_closes_it(bench, bare, rng, kind):
 
 
 def moved_base(model):
-    """Return where a robot's end body is at home as its base moves, and by a closed form: behind that displacement."""
+    """Return the end body's pose at home with the base moved, and the same in closed form: the displaced robot."""
     robot, home = robot_of(model), model.definition.home_drives
     moved = np.array([1e-3, -2e-3, 0.5e-3, 1e-3, 2e-3, -1e-3])
     names = [f"base.{name}" for name in ("tx", "ty", "tz", "rx", "ry", "rz")]
@@ -123,14 +123,14 @@ def moved_base(model):
 
 
 @pytest.mark.parametrize("machine", sorted(MACHINES))
-def test_a_base_that_moves_takes_any_robot_along(machine):
+def test_a_moving_base_moves_any_robot(machine):
     found, there = moved_base(RobotModel.for_robot(ROOT / "examples" / "robots" / machine / "robot.yaml"))
     np.testing.assert_allclose(found, there, atol=1e-9)
 
 
 @pytest.mark.parametrize("machine", [*sorted(MACHINES), None])
-def test_what_a_moving_base_takes_along_is_a_robot_as_any_other(tmp_path, capsys, machine):
-    """It can be saved and read again, and nothing is said that its model file does not displace."""
+def test_a_robot_on_a_moving_base_is_a_robot_like_any_other(tmp_path, capsys, machine):
+    """It can be saved and read again, and no note says that its model file does not displace something."""
     model = RobotModel.for_robot(ROOT / "examples" / "robots" / machine / "robot.yaml") if machine else RobotModel()
     moved = {"tx": ParameterEntry(value=2.0, unit="mm")}
     entry = EffectEntry(effect="base_drift", form="steady", learned="here", parameters=moved)
@@ -150,7 +150,7 @@ def test_what_a_moving_base_takes_along_is_a_robot_as_any_other(tmp_path, capsys
 
 @pytest.mark.parametrize(("base", "end"), [("base", "tool0"), ("tool0", "base"), (BASE_JOINT, "tool0")])
 def test_a_base_frame_that_carries_nothing_moves_too(tmp_path, base, end):
-    """As that in which a UR's controller says poses; or the tool, seen from which the arm's foot moves."""
+    """Such as the frame in which a UR's controller gives poses, or the tool, from which the arm's foot moves."""
     shipped = ROOT / "examples" / "machines" / "ur10" / "robot.yaml"
     said = read_yaml(shipped) | {"base_frame": base, "end_frame": end, "payload_frame": end}
     path = tmp_path / "robot.yaml"
@@ -183,7 +183,7 @@ loops: [{{name: loop, frame_a: foot, frame_b: base, type: 3d}}]
 
 @pytest.mark.parametrize(("base", "end"), [("base", "tip"), ("ground", "tip"), ("bar", "ground")])
 def test_a_base_on_which_chains_end_needs_a_link_of_its_own_to_move(tmp_path, base, end):
-    """Only places of joints move a base: a loop's frame, or the joint that carries it, has none there."""
+    """Only placements of joints move a base: a loop's frame, or the joint that carries it, has none there."""
     path = tmp_path / "robot.yaml"
     parts = "".join((*FOUR_BAR, MOUNT.format("seat", base, "seen", "0 0 0")))
     (tmp_path / "four_bar.urdf").write_text(f'<robot name="four_bar">{parts}</robot>', encoding="utf-8")
@@ -195,8 +195,8 @@ def test_a_base_on_which_chains_end_needs_a_link_of_its_own_to_move(tmp_path, ba
     np.testing.assert_allclose(*moved_base(RobotModel.for_robot(path)), atol=1e-9)
 
 
-def test_rows_alone_are_what_they_are_among_others(bench, rng):
-    """Shapes count from the campaign they were learned in, not from the rows at hand."""
+def test_rows_alone_are_predicted_as_among_others(bench, rng):
+    """Shapes refer to the campaign they were learned in, not to the rows at hand."""
     rows = rows_of(bench.campaign, RobotModel())
     some = np.array([3, 9, 17, 25, 33, 40, 58, 66])
     for name in ("base_drift", "drive_backlash", "leg_thermal_expansion", "drive_zero_offset"):
@@ -208,7 +208,7 @@ def test_rows_alone_are_what_they_are_among_others(bench, rng):
         np.testing.assert_allclose(alone, every[some], atol=1e-9)
 
 
-def test_the_measuring_device_moves_no_robot(bench):
+def test_an_effect_of_the_measuring_device_moves_no_robot(bench):
     rows = rows_of(bench.campaign, RobotModel())
     scale = {"scale": ParameterEntry(value=500.0, unit="1e-6")}
     model = model_with(rows, EffectEntry(effect="metrology_scale", form="constant", learned="bench", parameters=scale))
@@ -218,8 +218,8 @@ def test_the_measuring_device_moves_no_robot(bench):
     assert under.notes == ("metrology_scale does not move the robot, only what is measured",)
 
 
-def test_a_device_that_is_wrong_sees_the_robots_by_its_scale(bench, rng):
-    """The robots are those without it, and its scale that of its form: so many millionths a kelvin of the air."""
+def test_a_wrong_device_sees_the_robots_by_its_scale(bench, rng):
+    """The robots are those without it; the scale is that of its form, in millionths per kelvin of the air."""
     rows = rows_of(bench.campaign, RobotModel())
     air = {"scale_by_air": ParameterEntry(value=20.0, unit="1e-6/K")}
     device = EffectEntry(effect="metrology_scale", form="air", learned="bench", parameters=air)
@@ -246,14 +246,14 @@ def test_sides_of_approach_follow_from_the_order(bench):
         for order in (poses, poses[::-1])
     ]
     np.testing.assert_allclose(np.abs(offsets), 0.2, atol=1e-12)
-    down = np.sign(offsets[0][0])  # the first rose
+    down = np.sign(offsets[0][0])  # the first one rises
     assert np.sign(offsets).tolist() == [[down, down, -down], [down, down, -down]]
     told = {"payload_kg": 200.0, "approach_q2": [1.0, 1.0, -1.0]}  # of one drive; the others follow all the same
     partly = [robot.model.drive_offsets["leg1_s3"].offset_mm for robot in robots_under(model, poses, told)]
     assert partly == offsets[0]
     with pytest.raises(MissingConditionsError, match="'drive_backlash' needs approach_q1, approach_q2"):
         robots_under(model, poses[:1], {"payload_kg": 200.0})
-    others = {"payload_kg": 200.0, "approach_q2": 1.0, "approach_q4": 1.0}  # of one pose no order tells the others
+    others = {"payload_kg": 200.0, "approach_q2": 1.0, "approach_q4": 1.0}  # a single pose has no order
     with pytest.raises(MissingConditionsError, match="'drive_backlash' needs approach_q1, approach_q3: "):
         robots_under(model, poses[:1], others)
 
@@ -269,7 +269,7 @@ LACKING = {
 
 
 @pytest.mark.parametrize(("name", "lost"), [*LACKING.items(), ("drive_zero_offset", ("session", "session"))])
-def test_what_is_missing_is_named_with_how_to_give_it(bench, rng, name, lost):
+def test_a_missing_condition_is_named_with_how_to_give_it(bench, rng, name, lost):
     rows, (heading, said) = rows_of(bench.campaign, RobotModel()), lost
     model = model_with(rows, entry_of(EFFECTS[name], rows.conditions, rng, -1))
     given = given_of(bench.campaign)
@@ -283,8 +283,8 @@ def test_what_is_missing_is_named_with_how_to_give_it(bench, rng, name, lost):
     assert "\n" not in str(problem.value)
 
 
-def test_what_several_effects_miss_is_asked_for_at_once(bench, rng):
-    """What each by itself asks for, and a load that one of them needs is not to be had by forces."""
+def test_conditions_that_several_effects_miss_are_asked_for_at_once(bench, rng):
+    """They are those that each effect asks for; a load that one of them needs cannot be replaced by forces."""
     rows, kinds = rows_of(bench.campaign, RobotModel()), ("tilt_drive_compliance", "base_drift", "truss_deflection")
     entries = [entry_of(EFFECTS[name], rows.conditions, rng, -1) for name in kinds]
     asked, moved = [], list(bench.campaign.drives)
@@ -303,7 +303,7 @@ def test_what_several_effects_miss_is_asked_for_at_once(bench, rng):
     assert len(robots_under(model_with(rows, *entries), moved, given)) == len(moved)
 
 
-def test_lags_need_the_time_of_many_rows_only(bench, rng):
+def test_lags_need_times_only_where_conditions_vary(bench, rng):
     rows = rows_of(bench.campaign, RobotModel())
     model = model_with(rows, entry_of(EFFECTS["leg_thermal_expansion"], rows.conditions, rng))
     given = {heading: values for heading, values in given_of(bench.campaign).items() if heading.endswith("degC")}
@@ -311,11 +311,11 @@ def test_lags_need_the_time_of_many_rows_only(bench, rng):
         robots_under(model, list(bench.campaign.drives), given)
     first = {heading: values[0] for heading, values in given.items()}
     assert len(robots_under(model, list(bench.campaign.drives[:3]), first)) == 3  # nothing changes from row to row
-    (standing,) = robots_under(model, [bench.campaign.drives[0]], first)  # at rest as warm as they say
+    (standing,) = robots_under(model, [bench.campaign.drives[0]], first)  # in equilibrium at the given temperatures
     assert standing.model.drive_offsets
 
 
-def test_another_session_has_no_homing_of_its_own(bench, rng):
+def test_another_session_has_no_homing_error_of_its_own(bench, rng):
     rows = rows_of(bench.campaign, RobotModel())
     kind = EFFECTS["drive_zero_offset"]
     homed, plain = (entry_of(kind, rows.conditions, np.random.default_rng(1), form) for form in (-1, 0))
@@ -357,7 +357,7 @@ def test_another_session_has_no_homing_of_its_own(bench, rng):
         ({3: 0.0}, "the key of a condition must be a heading of a campaign, not a int"),
     ],
 )
-def test_bad_conditions_are_refused_on_one_line(bench, given, said):
+def test_bad_conditions_are_refused_in_one_line(bench, given, said):
     rows = rows_of(bench.campaign, RobotModel())
     model = model_with(rows, EffectEntry(effect="base_drift", form="steady", learned="bench"))
     with pytest.raises(BadInputError) as problem:
@@ -366,7 +366,7 @@ def test_bad_conditions_are_refused_on_one_line(bench, given, said):
     assert "\n" not in str(problem.value)
 
 
-def test_what_was_learned_nowhere_is_refused(tmp_path):
+def test_an_effect_without_the_campaign_that_taught_it_is_refused(tmp_path):
     path = RobotModel(effects=[EffectEntry(effect="base_drift", form="steady")]).save(tmp_path / "model.yaml")
     model = RobotModel.load(path)
     with pytest.raises(
@@ -375,7 +375,7 @@ def test_what_was_learned_nowhere_is_refused(tmp_path):
         RobotUnderConditions(robot_of(model), {})
 
 
-def test_what_was_learned_without_times_is_refused_elsewhere(bench):
+def test_a_drift_learned_without_times_is_refused_elsewhere(bench):
     rows = rows_of(bench.campaign.with_conditions(time=None), RobotModel())
     drift = {"tx": ParameterEntry(value=0.3, unit="mm")}
     model = model_with(rows, EffectEntry(effect="base_drift", form="steady", learned="bench", parameters=drift))
@@ -387,7 +387,7 @@ def test_what_was_learned_without_times_is_refused_elsewhere(bench):
 
 
 @pytest.mark.parametrize("kind", ["leg_thermal_expansion", "platform_thermal_expansion"])
-def test_what_thermometers_taught_without_times_is_applied_by_them(bench, rng, kind):
+def test_expansion_learned_without_times_is_applied_by_thermometers(bench, rng, kind):
     rows = rows_of(bench.campaign.with_conditions(time=None), RobotModel())
     model = model_with(rows, entry_of(EFFECTS[kind], rows.conditions, rng))
     rows, given = rows_of(rows.campaign, model), given_of(rows.campaign)
@@ -396,7 +396,7 @@ def test_what_thermometers_taught_without_times_is_applied_by_them(bench, rng, k
     assert places(robots, rows.campaign.drives[some])[:, :3] == pytest.approx(predicted(rows)[some], abs=1e-8)
 
 
-def test_beyond_what_was_learned_is_said(bench):
+def test_conditions_beyond_those_learned_are_reported(bench):
     rows = rows_of(bench.campaign, RobotModel())
     model = model_with(rows, EffectEntry(effect="base_drift", form="steady", learned="bench"))
     under = RobotUnderConditions(robot_of(model), {"time_h": 1000.0})
@@ -408,8 +408,8 @@ def test_beyond_what_was_learned_is_said(bench):
     assert f"{last:.6g}, over which effects were learned" in line
 
 
-def test_what_lies_far_beyond_what_was_learned_is_named_where_it_makes_too_much(bench):
-    """A drift that is carried on for weeks moves the robot by metres: no unit is wrong then, unless it was before."""
+def test_conditions_far_beyond_those_learned_are_named_where_the_effect_becomes_too_large(bench):
+    """A drift extrapolated for weeks moves the robot by metres: no unit is wrong then, unless it was before."""
     rows = rows_of(bench.campaign, RobotModel())
     said = []
     for value in (1.0, 1e4):
@@ -429,8 +429,8 @@ def test_what_lies_far_beyond_what_was_learned_is_named_where_it_makes_too_much(
 COMPENSATED = ("leg_compliance", "drive_cyclic", "base_drift", "tilt_encoder_eccentricity", "leg_thermal_expansion")
 
 
-def test_compensation_closes_the_error_by_another_way_of_closing(bench, rng):
-    """Drives that are found are rows of a campaign: what a diagnosis predicts of them is the wanted poses."""
+def test_compensation_closes_the_error_by_the_closure_of_a_diagnosis(bench, rng):
+    """The drives found are taken as rows of a campaign: the poses that a diagnosis predicts are the wanted ones."""
     rows = rows_of(bench.campaign, RobotModel())
     model = model_with(rows, *(entry_of(EFFECTS[name], rows.conditions, rng) for name in COMPENSATED))
     wanted = random_poses(12, 4)
@@ -441,14 +441,14 @@ def test_compensation_closes_the_error_by_another_way_of_closing(bench, rng):
     campaign = dataclasses.replace(bench.campaign.subset(np.arange(12)), drives=commands)
     reached = predicted(rows_of(campaign, model))[:, :, 3]
     off = np.linalg.norm(reached - [pose.position_m for pose in wanted], axis=1)
-    assert off.max() <= 1e-7  # placements are composed, where a diagnosis adds up twists
+    assert off.max() <= 1e-7  # the robot composes placements, a diagnosis adds twists
     before = np.array([one.before.distance_m for one in found])
     plain = robots_under(under.robot, wanted, given)
     located = zip(plain, wanted, strict=True)
     end = bench.campaign.robot.loops.end_frame
     expected = np.array([robot.locate(pose).difference(end).distance_m for robot, pose in located])
     np.testing.assert_allclose(before, expected, atol=1e-9)
-    assert np.median(before) > 10.0 * SIGMA_M  # there was something to close
+    assert np.median(before) > 10.0 * SIGMA_M  # there was an error to compensate
 
 
 SOFT = """
@@ -473,8 +473,8 @@ learned:
 """
 
 
-def test_commands_that_soft_parts_answer_settle(tmp_path):
-    """Turn by turn the answers become hardly better; the pose is far from singular."""
+def test_commands_of_compliant_parts_converge(tmp_path):
+    """From iteration to iteration they improve little at the end; the pose is far from singular."""
     (tmp_path / "soft.yaml").write_text(SOFT)
     under = RobotUnderConditions(robot_of(RobotModel.load(tmp_path / "soft.yaml")), {"payload_kg": 500.0})
     pose, turns = PlatformPose.from_mm_deg(-150, -50, -800, -25), []
@@ -491,7 +491,7 @@ def test_commands_that_soft_parts_answer_settle(tmp_path):
     assert len(turns) <= 12
 
 
-def test_commands_that_never_settle_are_refused_with_what_moves_them(rng):
+def test_commands_that_never_converge_are_refused_with_the_cause(rng):
     under, pose = RobotUnderConditions(LEARNED, {"payload_kg": 400.0}), PlatformPose((-0.1, 0.02, -0.6), 0.3)
 
     def restless(_, robot):
@@ -541,7 +541,7 @@ def test_no_commands_are_no_robots_and_numbers_are_drives(bench):
         robots_under(model, np.array([[-0.1, 0.02, -0.6, 0.3]]), {"time_s": 0.0})
 
 
-def test_commands_and_conditions_of_another_kind_are_refused_on_one_line():
+def test_commands_and_conditions_of_a_wrong_type_are_refused_in_one_line():
     pose, given = PlatformPose((-0.1, 0.02, -0.6), 0.3), {"payload_kg": 400.0}
     under = RobotUnderConditions(LEARNED, given)
     for call, words in (
@@ -564,14 +564,14 @@ def test_commands_and_conditions_of_another_kind_are_refused_on_one_line():
 
 
 @pytest.mark.filterwarnings("error")
-def test_who_applies_effects_is_not_told_that_they_are_left_out():
+def test_where_effects_are_applied_no_warning_says_that_they_are_left_out():
     model = RobotModel.load(LEARNED)
     robot, pose = robot_of(model), PlatformPose.from_mm_deg(-100, 20, -600, 17)
     for standing in (robot, drawing_of(robot), *robots_under(LEARNED, [pose], {"payload_kg": 400.0})):
         assert standing.locate(pose).in_workspace
 
 
-def test_a_virtual_measurement_is_not_without_what_the_model_learned():
+def test_a_virtual_measurement_requires_what_the_model_learned():
     robot = robot_of(RobotModel.load(LEARNED))
     plan = random_plan(robot, 4, 1)
     with pytest.raises(BadInputError, match="depends on the plan's conditions: give robots=robots_under"):
@@ -579,9 +579,9 @@ def test_a_virtual_measurement_is_not_without_what_the_model_learned():
 
 
 def taught_arm(effect, form, parameter, loads, **measured):
-    """Return an arm that learned one parameter of an effect, in two rows with loads or (None) without, and its home.
+    """Return an arm that learned one effect parameter in two rows, with loads or (None) without, and its home.
 
-    What else was ``measured`` is by heading.
+    Other ``measured`` quantities are given by heading.
     """
     from pouring_robot.effects.conditions import complete_conditions
 
@@ -601,7 +601,7 @@ def taught_arm(effect, form, parameter, loads, **measured):
     return model.model_copy(update={"effects": [entry], "learned": learned}), home
 
 
-def test_a_load_that_was_learned_is_not_taken_for_none():
+def test_a_missing_load_is_not_taken_for_zero_where_loads_were_learned():
     """The links' own weight alone makes moments: what a robot does under them is not what it does under a load."""
     spring = ("drive_compliance", "spring", "q2_yield")
     model, home = taught_arm(*spring, [0.0, 10.0])
@@ -617,13 +617,13 @@ def test_a_load_that_was_learned_is_not_taken_for_none():
 
 
 def moments_of(model):
-    """Return a moment on each drive of an arm, by heading."""
+    """Return a moment for each drive of an arm, by heading."""
     return {f"{drive.force_column}_Nm": 1.0 for drive in model.definition.drives}
 
 
 @pytest.mark.parametrize("loads", [None, [0.0, 10.0]])
-def test_forces_that_were_measured_are_not_taken_for_the_links_own_weight(loads):
-    """All of them do, or the load that they follow from."""
+def test_measured_forces_are_not_replaced_by_the_links_own_weight(loads):
+    """All of them must be given, or the load from which they follow."""
     measured = moments_of(RobotModel.for_robot(ROOT / "examples" / "robots" / "arm" / "robot.yaml"))
     model, home = taught_arm("drive_compliance", "spring", "q2_yield", loads, **measured)
     some = {"force_q1_Nm": 1.0}
@@ -638,8 +638,8 @@ def test_forces_that_were_measured_are_not_taken_for_the_links_own_weight(loads)
     assert robots_under(model, [home], measured) and robots_under(model, [home], {"payload_kg": 5.0})
 
 
-def test_play_goes_by_the_load_that_presses_it():
-    """What is measured of it stands for it."""
+def test_backlash_depends_on_the_load_that_presses():
+    """Measured moments stand for the load."""
     play = ("drive_backlash", "both_sides", "q2_play")
     sides = {f"approach_q{k + 1}": 1.0 for k in range(6)}
     model, home = taught_arm(*play, [0.0, 10.0], **sides)
@@ -649,8 +649,8 @@ def test_play_goes_by_the_load_that_presses_it():
     assert robots_under(taught_arm(*play, None, **sides)[0], [home], sides)
 
 
-def test_a_load_beyond_none_is_said_where_a_campaign_had_none():
-    """It was taken for none where forces were worked out only."""
+def test_a_load_is_reported_as_beyond_zero_where_the_campaign_had_none():
+    """The campaign's load counts as zero only where its forces were computed."""
     spring = ("drive_compliance", "spring", "q2_yield")
     model, home = taught_arm(*spring, None)
     waves, _ = taught_arm("joint_periodic", "turns", "q2_sine_1", None)
