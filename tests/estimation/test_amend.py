@@ -32,7 +32,7 @@ def test_no_change_is_no_change(drawing):
     ("which", "words"),
     [(0, "'leg1_s3': 3000 mm is too large for a drive offset"), (8, "too large for a placement error")],
 )
-def test_what_no_robot_is_is_refused(drawing, which, words):
+def test_parameters_that_make_no_valid_robot_are_refused(drawing, which, words):
     model = model_of(drawing, "centres")
     values = np.zeros(len(model.parameters))
     values[which] = 3.0

@@ -1,4 +1,4 @@
-"""The first frames: those of the truth, gross errors or not."""
+"""The first frames: those of the truth, with or without gross errors."""
 
 import numpy as np
 import pytest
@@ -28,14 +28,14 @@ def test_too_few_rows(drawing):
         first_frames(virtual.rows, virtual.measured)
 
 
-def test_rotations_alone_tell_no_places(drawing):
+def test_rotations_alone_determine_no_positions(drawing):
     virtual = Virtual(drawing, model_of(drawing, "drives"), 40)
     turned = MeasuredPoses(np.full((40, 3), np.nan), virtual.measured.rotation, SIGMA, SIGMA)
     with pytest.raises(FrameFitError, match="there are 0"):
         first_frames(virtual.rows, turned)
 
 
-def test_a_few_places_are_enough_beside_rotations(drawing):
+def test_a_few_positions_are_enough_with_rotations(drawing):
     virtual = Virtual(drawing, model_of(drawing, "drives"), 40, scale=1e-6)
     position = virtual.measured.position_m.copy()
     position[3:] = np.nan

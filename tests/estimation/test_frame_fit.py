@@ -1,4 +1,4 @@
-"""The outer frames of any robot: from any start, few rows or many, gross errors or not, undetermined directions."""
+"""The outer frames of any robot: from any start, few rows or many, gross errors or not, and directions left open."""
 
 import numpy as np
 import pinocchio as pin
@@ -19,7 +19,7 @@ ONCE_IN_A_MILLION = 1e-6
 
 
 def arm(random, rows, reach):
-    """Any place, any attitude."""
+    """Any position, any attitude."""
     return random.uniform(-reach, reach, (rows, 3)), Rotation.random(rows, random_state=random).as_matrix()
 
 
@@ -35,19 +35,19 @@ def plane(random, rows, reach):
 
 
 def wrist(random, rows, reach):
-    """One place, any attitude."""
+    """One position, any attitude."""
     position, rotation = arm(random, rows, reach)
     return np.tile(position[:1], (rows, 1)), rotation
 
 
 def gantry(random, rows, reach):
-    """Any place, one attitude."""
+    """Any position, one attitude."""
     position, rotation = arm(random, rows, reach)
     return position, np.tile(rotation[:1], (rows, 1, 1))
 
 
 def one_axis(random, rows, reach):
-    """Any place, turned about one axis only."""
+    """Any position, rotations about one axis only."""
     position, rotation = arm(random, rows, reach)
     axis = random.normal(size=3)
     angles = random.uniform(-1.0, 1.0, (rows, 1))
@@ -55,13 +55,13 @@ def one_axis(random, rows, reach):
 
 
 def turntable(random, rows, reach):
-    """Places on the circle of one hinge."""
+    """Positions on the circle of one hinge."""
     position, rotation = one_axis(random, rows, reach)
     return rotation @ position[0] + position[1], rotation
 
 
 class Case:
-    """What an instrument sees of random poses, frames anywhere, noise and gross errors at random."""
+    """What an instrument sees of random poses, with random frames, noise and gross errors."""
 
     def __init__(self, kind, seed, full, gross=0.05, rows=None):
         random = np.random.default_rng(seed)
@@ -84,7 +84,7 @@ class Case:
         return fit_frames(self.poses, self.position, self.rotation, self.sigma_m / self.sigma_rad)
 
     def chi_square(self, fit):
-        """Return how far what the fitted frames let see is from the truth, whitened: chi-square of what is told."""
+        """Return the chi-square of the whitened difference between what the fitted frames predict and the truth."""
         error = fit.frames.seen(self.poses).difference(self.truth.seen(self.poses))
         size = ((error[:, :3] / self.sigma_m) ** 2).sum()
         return size if self.rotation is None else size + ((error[:, 3:] / self.sigma_rad) ** 2).sum()
@@ -101,13 +101,13 @@ def test_frames_of_any_arm_come_back_within_their_covariance(first, full):
         assert case.chi_square(fit) < bound, seed
 
 
-# A robot's poses X leave a displacement D of the target open where X D X⁻¹ is the same for all, and the base gives way.
+# Poses X of a robot leave a displacement D of the target open where X D X⁻¹ is the same for all: the base absorbs it.
 OPEN = {line: 0, plane: 0, wrist: 0, gantry: 3, one_axis: 1, turntable: 2}
 
 
 @pytest.mark.parametrize("kind", OPEN)
 @pytest.mark.parametrize("full", [True, False])
-def test_poses_that_leave_something_open_say_so_and_the_rest_is_found(kind, full):
+def test_directions_that_poses_leave_open_are_reported_and_the_others_found(kind, full):
     for seed in range(8):
         case = Case(kind, seed, full)
         fit = case.fit()
@@ -124,7 +124,7 @@ def test_poses_that_leave_something_open_say_so_and_the_rest_is_found(kind, full
             assert np.abs(shown).max() < 1e-4 * step * np.abs(direction).max()
 
 
-def test_a_gantry_without_rotations_has_its_target_where_it_is_held():
+def test_the_target_of_a_gantry_without_rotations_stays_at_its_start():
     case = Case(gantry, 3, full=False)
     frames = case.fit().frames
     np.testing.assert_allclose(frames.T_end_target.homogeneous, np.eye(4), atol=1e-12)
@@ -149,7 +149,7 @@ def test_the_pouring_platform_turns_about_y_only(drawing, clean, full):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_quarter_of_wrong_rows_loses_no_arm(seed):
+def test_a_quarter_of_wrong_rows_does_not_spoil_the_fit_of_an_arm(seed):
     case = Case(arm, 100 + seed, full=bool(seed % 2), gross=0.0, rows=120)
     case.position[::4] += np.random.default_rng(seed).normal(size=(30, 3))
     error = case.fit().frames.seen(case.poses).difference(case.truth.seen(case.poses))
@@ -167,7 +167,7 @@ def test_mirrored_axes_show_in_the_affine_map_of_any_robot(kind):
     assert np.linalg.det(mirrored) == pytest.approx(-1.0, abs=0.05)
 
 
-def test_the_affine_map_of_a_plane_or_of_few_rows_says_little():
+def test_the_affine_map_of_a_plane_or_of_few_rows_is_undetermined():
     rows = np.ones(60, dtype=bool)
     flat = Case(lambda *wanted: (plane(*wanted)[0], gantry(*wanted)[1]), 2, full=False, rows=60)
     assert affine_map(flat.poses, flat.position, rows)[1] < 1e-9

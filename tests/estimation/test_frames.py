@@ -1,4 +1,4 @@
-"""The two unknown frames are found to within noise, whatever their attitude, and despite single bad rows."""
+"""The two unknown frames are found to within the noise, for any attitude and with gross errors in single rows."""
 
 import numpy as np
 import pinocchio as pin
@@ -34,7 +34,7 @@ def test_recovers_what_the_tracker_sees_within_noise(drawing, seed, full):
     assert np.abs(error).max() < 2.5 * SIGMA_M
     assert fit.position_scale_m == pytest.approx(SIGMA_M, rel=0.25)
     assert fit.frames.T_end_target.translation[1] == 0.0
-    # The attitude of the tracker is known from positions alone; its place along y only with the target's.
+    # The tracker's attitude is known from positions alone; its position along y only together with the target's.
     turn = pin.log3(fit.frames.T_tracker_base.rotation @ outer.rotation.T)
     assert np.linalg.norm(turn) < 1e-3
     assert fit.frames.T_end_target.translation[[0, 2]] == pytest.approx(inner.translation[[0, 2]], abs=4e-4)

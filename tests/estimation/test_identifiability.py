@@ -1,4 +1,4 @@
-"""Base parameters: the groups are the true null space, as computed by an independent regressor."""
+"""Base parameters: the groups are the true null space, as seen by an independent regressor."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from tests.estimation.virtual import TRUE_FRAMES, Virtual, model_of, reference_r
 
 
 def physical_null_space(matrix, base):
-    """Return the directions that nothing shows in the unknowns' own units, orthonormal, (K, K - rank)."""
+    """Return the unobservable directions in the unknowns' own units, orthonormal, (K, K - rank)."""
     matrix = np.where(np.isin(base.names, base.unseen), 0.0, matrix)
     lengths = np.linalg.norm(matrix, axis=0)
     scale = np.where(lengths > 0.0, lengths, 1.0)
@@ -32,7 +32,7 @@ def test_a_matrix_with_known_dependencies():
     assert found.groups[0].texts() == ("u + 2 v",)
     assert np.abs(matrix @ physical_null_space(matrix, found)).max() < 1e-12
     assert physical_null_space(matrix, found).shape == (7, 3)
-    # What the groups say is all there is: the identifiable combinations determine every prediction.
+    # The groups hold all the information: the identifiable combinations determine every prediction.
     values = random.normal(size=7)
     shares = np.zeros((3, 7))
     combinations = [c for group in found.groups for c in group.combinations]
@@ -61,14 +61,14 @@ def test_wrong_matrices_are_refused():
 
 @pytest.mark.parametrize("wanted", [("centres",), ("drives", "leg1_s?.r?", "leg1_seat_mount.*", "leg3_s3.*")])
 def test_groups_are_the_null_space_of_an_independent_regressor(drawing, wanted):
-    """Differences of ClosureSolver over perturbed URDFs know nothing of the batch engine's Jacobian."""
+    """Differences of ClosureSolver over perturbed URDFs, independent of the batch engine's Jacobian."""
     model = model_of(drawing, *wanted)
     virtual = Virtual(drawing, model, 14, seed=8)
     zero = Unknowns.zero(TRUE_FRAMES, len(model.parameters))
     analytic = regressor(virtual.rows.linearise(zero), np.ones(6))
     independent = reference_regressor(drawing, model.model, model.parameters, virtual.rows.drives)
     np.testing.assert_allclose(analytic, independent, atol=2e-8)
-    # Differences are good to about 1e-9, so the null space is told at 1e-7 here.
+    # Differences are accurate to about 1e-9, so the null space is decided at 1e-7 here.
     ours, theirs = (base_parameters(matrix, model.names, tolerance=1e-7) for matrix in (analytic, independent))
     assert ours.rank == theirs.rank < len(model.names)
     assert ours.unseen == theirs.unseen
@@ -81,7 +81,7 @@ def test_groups_are_the_null_space_of_an_independent_regressor(drawing, wanted):
 
 @pytest.mark.parametrize("wanted", ["geometry", "all", "dh"])
 def test_the_threshold_lies_in_a_wide_gap(drawing, wanted):
-    """A rank ten times finer or coarser is the same one, so that round-off never decides it."""
+    """A threshold ten times lower or higher gives the same rank, so round-off never decides it."""
     model = model_of(drawing, wanted)
     virtual = Virtual(drawing, model, 30, seed=4)
     seen = regressor(virtual.rows.linearise(Unknowns.zero(TRUE_FRAMES, len(model.parameters))), np.ones(6))
@@ -90,7 +90,7 @@ def test_the_threshold_lies_in_a_wide_gap(drawing, wanted):
     assert len({one.unseen for one in found}) == 1
 
 
-def test_moving_along_a_hidden_direction_changes_nothing_and_along_a_base_it_does(drawing):
+def test_a_hidden_direction_changes_no_prediction_and_a_base_parameter_does(drawing):
     model = model_of(drawing, "geometry")
     virtual = Virtual(drawing, model, 60)
     zero = Unknowns.zero(TRUE_FRAMES, len(model.parameters))
@@ -101,12 +101,12 @@ def test_moving_along_a_hidden_direction_changes_nothing_and_along_a_base_it_doe
     assert null_space.shape[1] == len(model.names) - found.rank > 10
     for direction in null_space.T[::7]:
         moved = virtual.rows.predict(zero.at(1e-5 * direction))
-        # To first order nothing moves; 1e-5 squared is what is left.
+        # To first order nothing moves; 1e-5 squared remains.
         assert np.abs(moved.position_m - seen.position_m).max() < 5e-8
 
 
-def test_the_target_s_y_cannot_be_told_from_the_base_s(drawing):
-    """The platform turns about y only, so that a target moved along y and a robot moved along y look alike."""
+def test_y_of_the_target_is_confounded_with_y_of_the_base(drawing):
+    """The platform turns about y only, so a target moved along y and a robot moved along y look alike."""
     model = model_of(drawing, "drives")
     virtual = Virtual(drawing, model, 40)
     seen = virtual.rows.linearise(Unknowns.zero(TRUE_FRAMES, 4))

@@ -49,7 +49,7 @@ def drives():
 
 @pytest.fixture(scope="module")
 def places(model, drives):
-    """Where the target is in the base, by Pinocchio alone."""
+    """Positions of the target in the base, by Pinocchio alone."""
     pinocchio = pin.buildModelFromUrdf(str(ARM.with_name("ur10.urdf")))
     data, seen = pinocchio.createData(), []
     for row in drives:
@@ -83,7 +83,7 @@ def test_components_have_kinds_and_names():
     assert [component_name(k) for k in (0, 5, 6, 7, 8)] == ["x", "rz", "distance", "closure", "closure_2"]
 
 
-def test_distances_are_those_of_the_places(model, drives, places):
+def test_distances_are_those_between_positions(model, drives, places):
     starts = ("", *("p0" if k % 2 else "" for k in range(1, len(drives))))
     seen = tracked(places)
     fixed = np.array([not name for name in starts])
@@ -112,7 +112,7 @@ def test_derivatives_of_coordinates_and_distances(model, drives, places):
         np.testing.assert_allclose(equations.jacobian[:, k], slope, atol=2e-5 * max(1.0, np.abs(slope).max()))
 
 
-def test_a_row_that_distances_start_from_is_of_use_without_a_reading_of_its_own(model, drives, places):
+def test_a_row_without_readings_is_usable_as_the_start_of_distances(model, drives, places):
     """A diagnosis left it out, and with it every distance from there."""
     length = np.linalg.norm(places - places[0], axis=1)[:, None]
     length[0], length[5] = np.nan, np.nan
@@ -131,8 +131,8 @@ def test_a_distance_counts_only_with_the_row_it_starts_from(model, drives, place
     assert with_start.known[:, 6].tolist() == [True, True, True]
 
 
-def test_a_part_of_the_rows_keeps_the_row_that_its_distances_start_from(model, drives, places):
-    """All from one place, as with a ball bar: whichever block holds that row, the others are told all the same."""
+def test_a_subset_of_rows_keeps_the_row_where_its_distances_start(model, drives, places):
+    """All start in one place, as with a ball bar: whichever block holds that row, the others can be predicted."""
     length = np.linalg.norm(places - places[20], axis=1)[:, None]
     campaign = campaign_of(drives, distance_m=length, distance_from=tuple("p20" if k != 20 else "" for k in range(24)))
     measured, part = MeasuredPoses.from_campaign(campaign, NOISE), np.array([3, 5, 8])
@@ -144,7 +144,7 @@ def test_a_part_of_the_rows_keeps_the_row_that_its_distances_start_from(model, d
 
 
 def test_groups_are_chosen_by_distances_from_one_row():
-    """That row is in one of the blocks, and the others were neither fitted nor judged without it."""
+    """That row is in one of the blocks; without it the other rows were neither fitted nor judged."""
     rng = np.random.default_rng(3)
     many = rng.uniform(-1.5, 1.5, (90, 6)) + np.array([0.0, -1.5, 1.0, 0.0, 0.5, 0.0])
     robot = RobotModel(robot=str(ARM))
@@ -157,7 +157,7 @@ def test_groups_are_chosen_by_distances_from_one_row():
     found = calibrate(campaign, robot, CalibrationOptions(("drives",)))
     line = found.to_frame().set_index("parameter").loc["drive.elbow_joint"]
     assert line["std"] < 0.1 and abs(line["value"] - 2.0) < 4.0 * line["std"]
-    # They are called what they are.
+    # The report calls them distances.
     worse = dataclasses.replace(found, before=found.after, after=found.before)
     assert any(line.startswith("worse on held-out rows: distance ") for line in warnings_of(worse))
     assert any("change none of the measured distances" in line for line in notes_of(found))
@@ -178,8 +178,8 @@ def test_frames_come_from_whatever_was_measured(model, drives, places, seen):
     assert np.abs(left[np.isfinite(left)]).max() < 1e-6
 
 
-def test_frames_stay_where_nothing_tells_of_them():
-    """A delta does not turn: distances between its poses are the same wherever it and the target stand."""
+def test_frames_stay_at_their_start_where_nothing_determines_them():
+    """A delta does not rotate: distances between its poses are the same wherever it and the target are."""
     model = RobotModel(robot=str(ARM.parents[2] / "robots" / "delta" / "robot.yaml"))
     drives = np.random.default_rng(2).uniform(-0.3, 0.6, (24, 3))
     rows = MeasurementModel(model, ()).at(drives)
@@ -193,8 +193,8 @@ def test_frames_stay_where_nothing_tells_of_them():
 
 
 @pytest.mark.parametrize("seen", ["single coordinates", "distances from a point", "distances between poses"])
-def test_a_zero_is_found_by_what_is_no_pose(model, drives, places, seen):
-    """The elbow stands 5 mrad beyond its command; what is seen of that moves the frames too, and fits exactly."""
+def test_a_zero_is_found_without_measured_poses(model, drives, places, seen):
+    """The elbow is 5 mrad beyond its command; the measurements of that move the frames, too, and fit exactly."""
     commanded = drives - [0.0, 0.0, 5e-3, 0.0, 0.0, 0.0]
     position, given = tracked(places), {}
     if seen == "single coordinates":
@@ -219,7 +219,7 @@ def test_too_few_values_are_refused(model, drives):
         first_frames(model.at(drives), measured)
 
 
-def test_noise_of_each_kind_is_stated_or_open(drives):
+def test_noise_of_each_kind_is_stated_or_unknown(drives):
     campaign = campaign_of(drives, distance_m=np.ones((24, 1)))
     assert noise_beforehand(campaign, np.arange(24)).open_kinds == ("distance",)
     stated = dataclasses.replace(campaign, metadata=MADE.model_copy(update={"sigma_distance_m": 2e-4}))

@@ -1,4 +1,4 @@
-"""The jackknife over blocks against fits that statsmodels and the solver make without them, and against many draws."""
+"""The jackknife over blocks against fits by statsmodels and by the solver without them, and against many draws."""
 
 from dataclasses import replace
 
@@ -17,12 +17,12 @@ from tests.estimation.virtual import SIGMA, Virtual, model_of
 
 
 def parts(columns, left, count=5):
-    """Return equations by stretches of rows."""
+    """Return equations by blocks of consecutive rows."""
     return zip(np.array_split(columns, count), np.array_split(left, count), strict=True)
 
 
-def test_each_row_a_block_is_the_jackknife_of_least_squares():
-    """That of statsmodels, whose influence measures say the parameters without each row; nothing is known before."""
+def test_with_one_row_a_block_it_is_the_jackknife_of_least_squares():
+    """That of statsmodels, whose influence measures give the parameters without each row; there is no prior."""
     random = np.random.default_rng(1)
     columns, seen = random.normal(size=(30, 4)), random.standard_t(4, 30)
     fit = sm.OLS(seen, columns).fit()
@@ -32,8 +32,8 @@ def test_each_row_a_block_is_the_jackknife_of_least_squares():
     np.testing.assert_allclose(found, (deviations95(29.0) / Z95) ** 2 * expected, rtol=1e-9)
 
 
-def test_priors_are_no_data():
-    """What no row shows is known as before, whatever the rows scatter beside it."""
+def test_priors_count_as_no_data():
+    """A parameter that no row shows keeps its prior, however much the rows scatter."""
     random = np.random.default_rng(2)
     columns = np.column_stack([10.0 * random.normal(size=20), np.zeros(20)])
     residual = random.normal(size=20)
@@ -43,8 +43,8 @@ def test_priors_are_no_data():
     np.testing.assert_array_equal(found[1], [0.0, 1.0])
 
 
-def test_one_block_alone_scatters_nothing():
-    """It is as far from itself as nothing, not as what nobody knows: of the answer the priors are left."""
+def test_a_single_block_has_no_scatter():
+    """Its distance from itself is zero, not unknown: the covariance that remains is that of the priors."""
     columns = np.random.default_rng(3).normal(size=(20, 2))
     prior = np.array([1.0, 0.5])
     inverse = np.linalg.inv(np.diag(prior) + columns.T @ columns)
@@ -53,8 +53,8 @@ def test_one_block_alone_scatters_nothing():
 
 
 @pytest.mark.filterwarnings("error")
-def test_units_far_apart_change_nothing_but_the_units():
-    """A metre and a nanometre: eighteen digits between squares, of which none are lost and no warning is given."""
+def test_the_result_scales_with_the_units():
+    """A metre and a nanometre: eighteen digits between the squares, without loss of precision or a warning."""
     random = np.random.default_rng(4)
     columns, residual, unit = random.normal(size=(40, 3)), random.normal(size=40), np.array([1.0, 1e-9, 1e9])
     one = jackknife_covariance(parts(columns, residual), np.ones(3))
@@ -64,7 +64,7 @@ def test_units_far_apart_change_nothing_but_the_units():
 
 @pytest.fixture(scope="module")
 def wandering(drawing):
-    """Sixty rows whose drives wander by ten times the noise, row after row, and the fit of their zeros."""
+    """Sixty rows whose drives drift by ten times the noise from row to row, and the fit of their zeros."""
     virtual = Virtual(drawing, model_of(drawing, "drives"), 60, seed=4)
     off = virtual.rows.predict(virtual.unknowns).position_m
     virtual.measured = replace(
@@ -76,7 +76,7 @@ def wandering(drawing):
     return virtual, replace(fit, stretches=stretches)
 
 
-def test_one_step_is_the_whole_fit_without_a_stretch(wandering):
+def test_one_step_equals_the_whole_fit_without_a_block(wandering):
     virtual, fit = wandering
     assert fit.inflation > 2.0
     left = [np.setdiff1d(np.arange(60), stretch) for stretch in fit.stretches]
@@ -91,7 +91,7 @@ def test_one_step_is_the_whole_fit_without_a_stretch(wandering):
     np.testing.assert_allclose(found[FRAMES:], np.sqrt(scatter**2 + by_tolerances)[FRAMES:], rtol=0.02)
 
 
-def test_stretches_are_asked_where_more_may_be_left_than_noise(wandering):
+def test_blocks_are_used_where_the_residual_may_exceed_the_noise(wandering):
     _, fit = wandering
     every = np.eye(len(fit.prior_std))
     told = largest_std(every, fit.covariances)
@@ -109,9 +109,9 @@ def test_stretches_are_asked_where_more_may_be_left_than_noise(wandering):
 
 @pytest.mark.parametrize("rows", [60, 300])
 def test_many_campaigns_of_a_model_that_lacks_an_effect(rows):
-    """A walk through two drives, of whose errors a wave is missing: against the fit to very many rows of such walks.
+    """A path of two drives whose errors have a wave that the model lacks: against the fit to very many such rows.
 
-    Intervals of a noise as large as what is left hold less than 80 % of what they say to hold 95 % of.
+    Nominal 95 % intervals from a noise as large as the residual hold less than 80 %.
     """
     random = np.random.default_rng(rows)
 

@@ -1,4 +1,4 @@
-"""The solver: its Hessian with second derivatives is the true one, and it handles exact data."""
+"""The search: its Hessian with second derivatives is the true one, and it works with exact data."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def cost_at(virtual, search, step):
     return cost + float(((unknowns.values / virtual.prior) ** 2).sum())
 
 
-def test_gradient_vanishes_and_the_gradient_is_the_slope(at_the_answer):
+def test_the_gradient_vanishes_at_the_answer_and_is_the_slope_elsewhere(at_the_answer):
     virtual, search = at_the_answer
     assert search.length(search.step(0.0)) < 1e-3
     aside = search.unknowns.at(search.unknowns.values + 1e-4 * virtual.prior)
@@ -37,7 +37,7 @@ def test_gradient_vanishes_and_the_gradient_is_the_slope(at_the_answer):
         assert slope == pytest.approx(2.0 * other.gradient[k], rel=1e-3, abs=1e-2)
 
 
-def test_second_derivatives_make_the_hessian_true_along_loose_combinations(at_the_answer):
+def test_second_derivatives_make_the_hessian_exact_along_weakly_determined_combinations(at_the_answer):
     virtual, search = at_the_answer
     _, singular, right = np.linalg.svd(search.triangle)
     covariance = search.covariance(curved=True) / np.outer(virtual.prior, virtual.prior)
@@ -50,18 +50,18 @@ def test_second_derivatives_make_the_hessian_true_along_loose_combinations(at_th
 
 
 @pytest.mark.parametrize("sigma", [1e-5, 1e-9, 1e-12])
-def test_covariance_is_sound_however_exact_the_data(drawing, sigma):
+def test_covariance_is_valid_however_exact_the_data(drawing, sigma):
     virtual = Virtual(drawing, model_of(drawing, "centres"), 30, sigma=SIGMA)
     measured = virtual.measured.with_noise(NoiseLevel.stated(sigma, sigma))
     search = Search(virtual.rows, measured, virtual.unknowns, virtual.prior, "linear")
     share = np.linalg.eigvalsh(search.covariance() / np.outer(virtual.prior, virtual.prior))
     assert share.min() > -1e-12
-    assert share.max() < 1.0 + 1e-6  # data cannot take knowledge away
+    assert share.max() < 1.0 + 1e-6  # data cannot reduce what is known
     assert np.isfinite(search.step(0.0)).all()
 
 
-def test_at_its_limit_a_search_near_the_answer_says_how_far_it_is_and_a_far_one_fails(at_the_answer):
-    """One evaluation is spent before a step is known."""
+def test_at_its_limit_a_search_near_the_answer_reports_its_distance_and_a_far_one_fails(at_the_answer):
+    """One evaluation is spent before any step."""
     virtual, search = at_the_answer
     near, far = (
         Search(

@@ -1,4 +1,4 @@
-"""Identification: the truth is recovered, gross errors do not matter, failures are reported, and it is fast."""
+"""Identification: the truth is found, gross errors do not matter, failures are reported, and it is fast."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def fitted(virtual, options=None, measured=None):
     return identify(virtual.rows, measured, start, virtual.prior, options)
 
 
-def test_drive_offsets_come_back_within_their_intervals(drawing):
+def test_drive_offsets_are_found_within_their_intervals(drawing):
     virtual = Virtual(drawing, model_of(drawing, "drives"), 60)
     fit = fitted(virtual)
     assert fit.converged
@@ -40,7 +40,7 @@ def test_drive_offsets_come_back_within_their_intervals(drawing):
 
 
 @pytest.mark.parametrize("wanted", ["geometry", "dh"])
-def test_residuals_come_down_to_the_noise(drawing, wanted):
+def test_residuals_are_as_small_as_the_noise(drawing, wanted):
     virtual = Virtual(drawing, model_of(drawing, wanted), 120, seed=3)
     fit = fitted(virtual)
     assert fit.chi_square() / fit.dof() == pytest.approx(1.0, abs=0.2)
@@ -70,7 +70,7 @@ def test_outliers_move_a_robust_fit_no_further_than_their_influence(drawing, los
     sound = fitted(virtual)
     robust, plain = (fitted(virtual, FitOptions(loss=name), spoilt) for name in (loss, "linear"))
     shift, plain_shift = (np.abs(fit.unknowns.parameters - sound.unknowns.parameters) for fit in (robust, plain))
-    # A block's pull is bounded by what 99 % of sound blocks keep; in the sound fit it pulled by its own residual.
+    # A block's pull is bounded by what 99 % of sound blocks keep; in the sound fit it was given by its own residual.
     equations = sound.equations
     furthest = np.zeros_like(shift)
     for row in range(0, 80, 16):
@@ -81,7 +81,7 @@ def test_outliers_move_a_robust_fit_no_further_than_their_influence(drawing, los
     assert (shift < 1.1 * furthest).all()  # to first order; a tenth for the rest
     assert (shift < 2.0 * sound.std[FRAMES:]).all()
     assert (plain_shift > 10.0 * furthest).all()
-    # Five slips of 400 times the noise in 480 equations: they count by their bounds, a part in a hundred each.
+    # Five outliers of 400 times the noise in 480 equations: they count with their bounds, about a hundredth each.
     assert robust.noise_ratio() == pytest.approx(1.0, abs=0.12)
     assert plain.noise_ratio() > 20.0
 
@@ -137,13 +137,13 @@ def test_rows_that_do_not_close_are_left_out_and_named(drawing):
     assert fit.chi_square() / fit.dof() == pytest.approx(1.0, abs=0.4)
 
 
-def test_a_search_cut_short_is_no_answer(drawing):
+def test_a_search_that_is_cut_short_gives_no_answer(drawing):
     virtual = Virtual(drawing, model_of(drawing, "geometry"), 60)
     with pytest.raises(CalibrationError, match="does not converge in 2 evaluations"):
         fitted(virtual, FitOptions(max_evaluations=2))
 
 
-def test_a_search_whose_noise_is_far_too_small_says_so(drawing):
+def test_a_search_with_a_far_too_small_noise_reports_it(drawing):
     virtual = Virtual(drawing, model_of(drawing, "geometry"), 60)
     sharp = replace(virtual.measured, sigma_position_m=1e-9, sigma_rotation_rad=1e-9)
     start = first_frames(virtual.rows, virtual.measured)
@@ -159,8 +159,8 @@ def test_few_evaluations_suffice(drawing, count, wanted, most):
         assert fitted(virtual).evaluations <= 30
 
 
-def test_a_curved_valley_has_an_end(drawing):
-    """Errors of three tolerances, few poses: products of errors, which Gauss-Newton leaves out, count."""
+def test_the_search_converges_in_a_curved_valley(drawing):
+    """Errors of three tolerances, few poses: products of errors, which Gauss-Newton neglects, matter."""
     virtual = Virtual(drawing, model_of(drawing, "geometry"), 30, seed=2, scale=3.0)
     fit = fitted(virtual, FitOptions(max_evaluations=100))
     assert fit.converged
@@ -175,7 +175,7 @@ def test_a_curved_valley_has_an_end(drawing):
 
 
 def test_a_campaign_is_compared_with_the_drawing_of_its_own_robot(tmp_path):
-    """A table names its robot; only the file of another robot says what that is."""
+    """A table names its robot; only the other robot's file defines it."""
     write(tmp_path, MACHINES["arm"], 1)
     arm = RobotDefinition.load(ROOT / "examples" / "robots" / "arm" / "robot.yaml")
     campaign, model = campaign_and_model(Campaign.read(tmp_path / "campaign.csv", arm), None)

@@ -52,7 +52,7 @@ def test_jacobian_is_the_derivative(drawing, present, changed):
         random, structure = np.random.default_rng(7), model.engine.structure
         exact = ("drive.leg1_s3", "leg1_s1.ty", "base.tx", "base.rz", SCALE)
         moved = {name: random.normal(size=6) * 1e-2 for name in exact}
-        # What a row's own turn of a joint does to the axes of parameters there is left out: it must be below 2e-6.
+        # The effect of a row's own rotation of a joint on the axes of parameters there is neglected: below 2e-6.
         moved["leg1_s1.rx"] = random.normal(size=6) * 1e-7
         virtual.rows = virtual.rows.with_changes(RowChanges.of(moved, structure, 6))
     values = virtual.unknowns.values.copy()
@@ -67,11 +67,11 @@ def test_jacobian_is_the_derivative(drawing, present, changed):
         difference = np.concatenate(
             [plus.position_m - minus.position_m, np.array([pin.log3(r) for r in turned])], axis=1
         )
-        # Differences are off by how far closures converge over the step, and by its square: well below 2e-6.
+        # The error of differences is the tolerance of closures over the step, plus the step squared: well below 2e-6.
         np.testing.assert_allclose(seen.jacobian[:, :, k], difference / (2.0 * step), rtol=2e-6, atol=2e-6)
 
 
-def test_drive_offsets_of_the_model_come_on_top_of_the_command(drawing):
+def test_drive_offsets_of_the_model_are_added_to_the_command(drawing):
     offsets = {"leg1_s3": DriveOffset(offset_mm=0.7), "leg4_s5": DriveOffset(offset_mrad=-2.0)}
     model = model_of(drawing, "drives", model=RobotModel(drive_offsets=offsets))
     virtual = Virtual(drawing, model_of(drawing, "drives"), 5)
@@ -81,7 +81,7 @@ def test_drive_offsets_of_the_model_come_on_top_of_the_command(drawing):
     np.testing.assert_allclose(with_offsets.position_m, same.position_m, atol=1e-12)
 
 
-def test_drives_that_no_pose_has_give_a_status_not_a_number(drawing):
+def test_drive_values_without_a_pose_give_a_status_not_a_number(drawing):
     model = model_of(drawing, "drives")
     virtual = Virtual(drawing, model, 4)
     drives = virtual.rows.drives.copy()
@@ -102,7 +102,7 @@ def test_rows_can_be_chosen(drawing):
 
 
 @pytest.mark.parametrize("name", ["drive", "metrology", "leg.2"])
-def test_what_changes_in_a_joint_is_found_whatever_the_joint_is_called(name):
+def test_changes_in_a_joint_are_found_whatever_the_joint_is_called(name):
     mechanism = ClosedChainMechanism(
         arm_urdf().replace('joint name="elbow"', f'joint name="{name}"'),
         arm().loops.model_copy(update={"drives": ("waist", "shoulder", name, "roll", "pitch", "flange_turn")}),

@@ -27,7 +27,7 @@ from tests.campaign.simulated import SIGMA_M, SIGMA_RAD, damaged
 from tests.estimation.virtual import SIGMA, Virtual, model_of
 
 
-def test_repeats_are_rows_commanded_alike_from_the_same_side(repeated):
+def test_repeats_are_rows_with_the_same_command_from_the_same_side(repeated):
     groups = repeats(repeated, np.arange(len(repeated)))
     assert [len(group) for group in groups] == [6, 6, 6, 6]
     assert groups[1].tolist() == list(range(20, 26))
@@ -37,23 +37,23 @@ def test_repeats_are_rows_commanded_alike_from_the_same_side(repeated):
     assert [len(group) for group in repeats(other, np.arange(len(other)))] == [5, 6, 6, 6]
 
 
-def test_what_was_set_otherwise_is_no_repeat(repeated):
-    """What a load does to a pose is no noise; an empty cell is no load that is known."""
+def test_rows_under_different_conditions_are_no_repeats(repeated):
+    """A load's effect on a pose is no noise; an empty cell is no known load."""
     loaded = np.where(np.arange(len(repeated)) == 20, 400.0, 0.0)
     loaded[21] = np.nan
     campaign = dataclasses.replace(repeated, conditions={**repeated.conditions, "payload": loaded})
     assert [len(group) for group in repeats(campaign, np.arange(len(campaign)))] == [6, 4, 6, 6]
 
 
-def test_a_load_that_is_weighed_is_the_same_within_a_hundredth(repeated):
+def test_weighed_loads_are_equal_within_a_hundredth(repeated):
     weighed = 400.0 + np.random.default_rng(7).uniform(-1.0, 1.0, len(repeated))
     campaign = dataclasses.replace(repeated, conditions={**repeated.conditions, "payload": weighed})
     assert [len(group) for group in repeats(campaign, np.arange(len(campaign)))] == [6, 6, 6, 6]
 
 
 @pytest.mark.parametrize("load", [400.0, 402.5, 492.5])
-def test_a_load_is_the_same_wherever_on_the_scale_it_is(repeated, load):
-    """A quarter of a hundredth apart, also about what is a half of a hundredth of the largest."""
+def test_whether_loads_are_equal_does_not_depend_on_a_grid(repeated, load):
+    """They differ by a quarter of a hundredth, also about half-way between multiples of a hundredth of the largest."""
     weighed = np.where(np.arange(len(repeated)) % 2, load - 0.6, load + 0.6)
     weighed[np.concatenate(repeats(repeated, np.arange(len(repeated))))[-1]] = 500.0
     campaign = dataclasses.replace(repeated, conditions={**repeated.conditions, "payload": weighed})
@@ -82,15 +82,15 @@ def test_repeat_noise_by_hand():
 
 
 @pytest.mark.parametrize("noise_dof", [12.0, 60.0, np.inf])
-def test_chance_is_as_often_as_it_says(noise_dof):
+def test_p_values_are_uniform_under_the_null(noise_dof):
     random, known = np.random.default_rng(3), np.isfinite(noise_dof)
     variance = random.chisquare(noise_dof if known else 1.0, 4000) / noise_dof if known else np.ones(4000)
     chances = [p_value(squares, 150.0, noise_dof) for squares in random.chisquare(150, 4000) / variance]
     assert kstest(chances, "uniform").pvalue > 1e-3
 
 
-def test_repeats_are_taken_from_what_their_noise_is_to_judge():
-    """In a gap half as large as the noise every second row is a repeat, which shows none of it."""
+def test_repeats_are_excluded_from_the_misfit_that_their_noise_judges():
+    """Every second row is a repeat, which shows nothing of a gap half as large as the noise."""
     random, chances, found = np.random.default_rng(6), [], []
     for _ in range(4000):
         pure, beyond = random.chisquare(60.0), random.chisquare(60.0)
@@ -98,22 +98,22 @@ def test_repeats_are_taken_from_what_their_noise_is_to_judge():
         chances.append(noise.lack_of_fit_p((pure + beyond) / (pure / 60.0), 120.0))
         found.append(noise.lack_of_fit_p((pure + 1.5 * beyond) / (pure / 60.0), 120.0) < 0.01)
     assert kstest(chances, "uniform").pvalue > 1e-3
-    assert np.mean(found) > 0.15  # 0.03, were repeats counted on both sides
+    assert np.mean(found) > 0.15  # 0.03 if repeats counted on both sides
 
 
-def test_repeats_count_by_as_much_as_a_robust_loss_leaves_of_all():
+def test_repeats_are_weighted_by_the_share_of_squares_that_a_robust_loss_keeps():
     """Nine of ten equations are repeats, and 3 % of every square are not counted."""
     random, chances = np.random.default_rng(8), []
     for _ in range(4000):
         pure, beyond = random.chisquare(540.0), random.chisquare(60.0)
         noise = NoiseLevel({"position": Noise(1.0, "repeats", 540.0)})
         chances.append(noise.lack_of_fit_p(0.97 * (pure + beyond) / (pure / 540.0), 0.97 * 600.0, 0.97))
-    assert kstest(chances, "uniform").statistic < 0.05  # 0.3, were the repeats taken away whole
+    assert kstest(chances, "uniform").statistic < 0.05  # 0.3 if the repeats were subtracted whole
     assert NoiseLevel({"position": Noise(1.0, "repeats", 540.0)}).lack_of_fit_p(2e3, 540.0 + 1e-13) == 1.0
 
 
-def test_what_is_left_tells_the_noise_unless_it_lacks_fit_as_seldom_as_said():
-    """Of sound campaigns: repeats with 12 degrees of freedom among 150 equations, chi-square both."""
+def test_residuals_estimate_the_noise_unless_the_lack_of_fit_test_rejects():
+    """With sound campaigns: repeats with 12 degrees of freedom among 150 equations, chi-square both."""
     random, told, left = np.random.default_rng(5), [], []
     for _ in range(4000):
         pure, lack = random.chisquare(12.0), random.chisquare(138.0)
@@ -127,22 +127,22 @@ def test_what_is_left_tells_the_noise_unless_it_lacks_fit_as_seldom_as_said():
 
 
 @pytest.mark.parametrize("readings", [5, 9])
-def test_intervals_hold_as_often_as_they_say_where_readings_of_one_pose_tell_the_noise(readings):
+def test_intervals_have_their_coverage_where_readings_of_one_pose_give_the_noise(readings):
     random, held = np.random.default_rng(4), []
     for _ in range(4000):
         seen = MeasuredPoses(random.normal(size=(readings, 3)), np.full((readings, 3, 3), np.nan), 1.0, 1.0)
         noise = repeat_noise(seen, [np.arange(readings)])[0]
         held.append(not Movement("x", "mm", 0.2 * random.normal(), 0.2 * noise.sigma, 1.0, dof=noise.dof).moved)
-    assert binomtest(sum(held), len(held), 0.95).pvalue > 1e-3  # by normal deviations 92.7 and 94.1 %
+    assert binomtest(sum(held), len(held), 0.95).pvalue > 1e-3  # with normal quantiles 92.7 and 94.1 %
 
 
-def test_exact_repeats_do_not_tell_the_noise():
+def test_exact_repeats_give_no_noise():
     rounded = np.random.default_rng(1).normal(size=(13, 3)) * 0.5 * LEAST_NOISE
     measured = MeasuredPoses(1.0 + rounded, Rotation.from_rotvec(rounded).as_matrix(), 1.0, 1.0)
     assert repeat_noise(measured, [np.arange(13)]) == (None, None)
 
 
-def test_what_is_stated_counts_first_and_without_anything_residuals(clean, positions):
+def test_a_stated_noise_comes_first_and_residuals_last(clean, positions):
     stated = noise_beforehand(clean.campaign, np.arange(60))
     assert (stated.position_m, stated["position"].source) == (SIGMA_M, "stated")
     assert stated.dof == np.inf
@@ -152,8 +152,8 @@ def test_what_is_stated_counts_first_and_without_anything_residuals(clean, posit
     assert noise_beforehand(positions.campaign, np.arange(60))["rotation"].source == "none"
 
 
-def test_exact_data_leave_the_least_noise_and_say_so(drawing, clean, monkeypatch):
-    """Twelve refits that each find less would be eleven too many."""
+def test_exact_data_leave_the_least_noise_and_that_is_reported(drawing, clean, monkeypatch):
+    """Twelve refits that each find less noise would be eleven too many."""
     virtual = Virtual(drawing, model_of(drawing, "drives"), 60)
     seen = virtual.rows.predict(virtual.unknowns)
     exact = MeasuredPoses(seen.position_m, seen.rotation, 1.0, 1.0)
@@ -190,8 +190,8 @@ def test_noise_from_residuals_is_the_true_one(drawing, clean):
     assert fit.chi_square() / fit.dof() == pytest.approx(1.0, abs=0.05)
 
 
-def test_of_too_few_equations_left_over_nothing_is_told_and_rounding_is_no_noise():
-    """Nine tenths of an equation; and what unknowns take up whole, but for what adding up leaves, of either sign."""
+def test_too_few_degrees_of_freedom_give_no_noise_and_rounding_is_none():
+    """Nine tenths of an equation; and equations that unknowns fit exactly up to round-off, of either sign."""
     assert noise_ratio(np.full(3, 5.0), np.full(3, 0.3)) == 1.0
     assert noise_ratio(np.full(3, 5.0), np.full(3, 0.4)) == pytest.approx(np.sqrt(75.0 / 1.2))
     for left in (1e-16, -1e-16):
@@ -199,8 +199,8 @@ def test_of_too_few_equations_left_over_nothing_is_told_and_rounding_is_no_noise
 
 
 @pytest.mark.parametrize(("share", "count", "said"), [(0.45, 300, True), (0.55, 300, False), (0.45, 1, False)])
-def test_a_noise_that_is_stated_more_than_twice_too_large_is_said(share, count, said):
-    """Of three values chance leaves as little once in ten campaigns."""
+def test_a_stated_noise_more_than_twice_too_large_is_reported(share, count, said):
+    """With three values chance leaves as little in one of ten campaigns."""
     component = np.repeat([0, 1, 2, 3, 4, 5], count)
     residual = np.full(len(component), share)
     stated = NoiseLevel.stated(1e-4, 2e-4)

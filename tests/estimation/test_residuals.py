@@ -34,7 +34,7 @@ def test_whitened_residuals_differentiate(virtual):
         np.testing.assert_allclose(equations.jacobian[:, k], expected, rtol=1e-5, atol=1e-3)
 
 
-def test_missing_cells_leave_their_equations_out(virtual, drawing):
+def test_missing_cells_remove_their_equations(virtual, drawing):
     position, rotation = virtual.measured.position_m.copy(), virtual.measured.rotation.copy()
     position[0, 1], position[3] = np.nan, np.nan
     rotation[2, 0, 0], rotation[3] = np.nan, np.nan
@@ -57,7 +57,7 @@ def test_measured_rows_without_a_prediction_are_reported(virtual):
     assert np.isfinite(equations.jacobian).all()
 
 
-def test_a_rotation_counts_only_whole(clean):
+def test_a_rotation_counts_only_when_complete(clean):
     campaign = damaged(clean.campaign, rotation_vector_rad=lambda r: r.__setitem__((0, 1), np.nan))
     measured = MeasuredPoses.from_campaign(campaign, NoiseLevel.stated(SIGMA, SIGMA))
     assert measured.known[0].tolist() == [True, True, True, False, False, False]

@@ -26,13 +26,13 @@ def test_weights_are_the_slope_of_the_loss(loss):
         assert (plus - minus) / 2e-6 == pytest.approx(2.0 * weights[k] * residual[k], rel=1e-6)
 
 
-def test_a_slip_in_one_coordinate_lowers_its_block_only():
+def test_an_outlier_in_one_coordinate_lowers_the_weight_of_its_block_only():
     _, weights = robust_terms(equations([50.0, 0.1, 0.1, 0.1, 0.1, 0.1]), "huber")
     assert weights[:3].max() < 0.1
     np.testing.assert_array_equal(weights[3:], 1.0)
 
 
-def test_scatter_is_one_for_noise_and_follows_what_is_larger():
+def test_scatter_is_one_for_noise_and_follows_larger_residuals():
     noise = np.random.default_rng(0).normal(size=6000)
     assert typical_size(equations(noise)) == pytest.approx(1.0, abs=0.05)
     assert typical_size(equations(4.0 * noise)) == pytest.approx(4.0, rel=0.05)
@@ -41,7 +41,7 @@ def test_scatter_is_one_for_noise_and_follows_what_is_larger():
 
 @pytest.mark.parametrize("components", [None, 7 + np.arange(60_000) % 6], ids=["poses", "six closures"])
 @pytest.mark.parametrize("loss", ["huber", "soft_l1", "linear"])
-def test_noise_makes_of_weighted_squares_what_is_said(loss, components):
+def test_weighted_squares_of_noise_have_the_stated_mean(loss, components):
     noise = equations(np.random.default_rng(1).normal(size=60_000), components)
     assert typical_size(noise) == pytest.approx(1.0, abs=0.02)
     _, weights = robust_terms(noise, loss)

@@ -45,7 +45,7 @@ def pose(random, reach_m):
 
 
 def moved(campaign, seed, names=("a", "b", "c")):
-    """Return the same poses as a tracker sees them that is set up elsewhere in each of three sessions."""
+    """Return the same poses as seen by a tracker that is set up elsewhere in each of three sessions."""
     random, count = np.random.default_rng(seed), len(campaign)
     sessions = tuple(names[k * len(names) // count] for k in range(count))
     position, rotation = np.array(campaign.position_m), rotation_matrices(campaign.rotation_vector_rad)
@@ -66,7 +66,7 @@ def measured(name, count, seed):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_the_jacobian_is_the_derivative(name):
-    """Of frames, drives and all sessions, away from zero, against central differences of the prediction."""
+    """By frames, drives and all sessions, away from zero, against central differences of the prediction."""
     campaign = moved(measured(name, 9, 1), 1)
     model, random = bare(MODELS[name]), np.random.default_rng(2)
     drives = robot_of(model).parameters.drives
@@ -80,14 +80,14 @@ def test_the_jacobian_is_the_derivative(name):
         aside = step * np.eye(zero.values.size)[k]
         plus, minus = (rows.predict(here.at(here.values + sign * aside)) for sign in (1.0, -1.0))
         column = plus.difference(minus) / (2.0 * step)
-        # Differences err by step² times the third derivative, which is no more than a few metres.
+        # Differences err by step² times the third derivative, which is at most a few metres.
         np.testing.assert_allclose(found[:, :, k], column, rtol=0, atol=3e-8)
     assert set(np.unique(rows.session)) == {-1, 0, 1}
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_calibration_is_as_good_as_from_one_place(name):
-    """Held-out rows come down as far, and the drive offset is found within its interval."""
+    """Held-out errors are as small, and the drive offset is found within its interval."""
     one = measured(name, 60, 3)
     options = CalibrationOptions(parameters=("drives",))
     found = [calibrate(campaign, bare(MODELS[name]), options) for campaign in (one, moved(one, 3))]
@@ -98,14 +98,14 @@ def test_calibration_is_as_good_as_from_one_place(name):
     for drive, value in truth.items():
         line = table.loc[f"drive.{drive}"]
         assert abs(line["value"] - 1e3 * value) < 4.0 * line["std"]
-    # Six unknowns a session cost something, never less than nothing.
+    # Six unknowns per session cost something, never less than nothing.
     before = found[0].to_frame().set_index("parameter")
     assert (table["std"] > 0.99 * before["std"].reindex(table.index)).all()
 
 
 @pytest.mark.parametrize("names", ["abcdefg", "abcdefghij"])
-def test_a_session_that_is_left_out_whole_tells_nothing_of_the_scatter(names):
-    """Its frame would be anywhere: of more sessions than stretches the tool was known to 0.75, not to 0.03 mm."""
+def test_a_session_in_one_block_only_adds_nothing_to_the_scatter(names):
+    """Its frame would be undetermined: with more sessions than blocks the tool's uncertainty was 0.75, not 0.03 mm."""
     campaign = moved(measured("arm", 120, 3), 3, tuple(names))
     silent = campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
     options = CalibrationOptions(parameters=("drives",), choose=False)
@@ -117,7 +117,7 @@ def test_a_session_that_is_left_out_whole_tells_nothing_of_the_scatter(names):
 
 
 def test_far_setups_are_brought_together_despite_outliers():
-    """The largest session stays; the others come to within what noise and the robot's errors leave."""
+    """The largest session stays; the others are brought to it within the noise and the robot's errors."""
     campaign = measured("arm", 60, 4)
     position = np.array(campaign.position_m)
     position[50] += 0.05
@@ -131,7 +131,7 @@ def test_far_setups_are_brought_together_despite_outliers():
     assert np.abs(together.position_m - wanted).max() < 3e-4
 
 
-def test_the_check_suggests_what_the_file_should_say():
+def test_the_check_suggests_the_missing_entry_of_the_file():
     campaign = moved(measured("arm", 60, 6), 6)
     told = dataclasses.replace(campaign, metadata=campaign.metadata.model_copy(update={"frames": "one"}))
     drawing = MODELS["arm"].definition.drawing()
@@ -141,7 +141,7 @@ def test_the_check_suggests_what_the_file_should_say():
     assert not [flag for flag in check_campaign(campaign, drawing) if flag.severity != Severity.NOTE]
 
 
-def test_data_without_noise_are_no_target_mounted_anew():
+def test_data_without_noise_do_not_look_like_a_remounted_target():
     robot = robot_of(bare(MODELS["arm"]))
     options = MeasurementOptions(1e-12, 1e-12, seed=3)
     campaign = moved(simulate_campaign(robot, random_plan(robot, 90, 3), options).campaign, 3)
@@ -150,8 +150,8 @@ def test_data_without_noise_are_no_target_mounted_anew():
 
 
 @pytest.mark.parametrize(("name", "frames"), [("arm", "one"), ("pouring", "one"), ("arm", PER_SESSION)])
-def test_a_target_that_was_mounted_anew_is_told_by_the_session(name, frames):
-    """From the middle on it sits elsewhere, which no place of the tracker explains."""
+def test_a_remounted_target_is_detected_between_sessions(name, frames):
+    """From the middle on it sits elsewhere, which no position of the tracker explains."""
     campaign = measured(name, 90, 6)
     drawing, later = MODELS[name].definition.drawing(), np.arange(90) >= 45
     metadata = campaign.metadata.model_copy(update={"frames": frames})
@@ -170,7 +170,7 @@ def test_a_target_that_was_mounted_anew_is_told_by_the_session(name, frames):
     assert told(np.array([0.0, 0.06, 0.0]), 0.7) == {Severity.ERROR}  # nothing fits with it
 
 
-def test_what_cannot_be_told_is_refused():
+def test_sessions_that_cannot_be_located_are_refused():
     campaign = measured("arm", 60, 5)
     few = dataclasses.replace(moved(campaign, 5), sessions=("a",) * 56 + ("b",) * 4)
     with pytest.raises(CampaignError, match="session 'b' has fewer than"):
@@ -183,7 +183,7 @@ def test_what_cannot_be_told_is_refused():
 
 
 def test_a_distance_is_from_another_row_of_the_same_session():
-    """The device stood elsewhere in each session, and with it the point that distances without a start are from."""
+    """The device has another position in each session, and so has the point from which other distances are measured."""
     campaign = moved(measured("arm", 60, 5), 5)
     samples, model = tuple(map(str, range(60))), bare(MODELS["arm"])
     line = np.linalg.norm(np.roll(campaign.position_m, -1, axis=0) - campaign.position_m, axis=1)[:, None]
@@ -198,7 +198,7 @@ def test_a_distance_is_from_another_row_of_the_same_session():
         assert (caught.value.line, caught.value.column) == (23, within.heading("distance"))
 
 
-def test_that_sessions_are_apart_is_told_beside_distances():
+def test_sessions_that_are_apart_are_detected_with_distances_as_well():
     campaign = moved(measured("arm", 60, 6), 6)
     told = {"metadata": campaign.metadata.model_copy(update={"frames": "one", "sigma_distance_m": 5e-5})}
     line = np.linalg.norm(campaign.position_m, axis=1)[:, None]
@@ -207,8 +207,8 @@ def test_that_sessions_are_apart_is_told_beside_distances():
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_a_diagnosis_counts_that_nobody_knows_where_sessions_measured_from(name):
-    """Sessions are brought together by a robot that is wrong; what that moved is neither named nor made up for."""
+def test_a_diagnosis_takes_unknown_tracker_positions_of_sessions_into_account(name):
+    """Sessions are aligned with a robot that has errors; the shifts this causes are neither named nor compensated."""
     robot = robot_of(MODELS[name])
     plan, options = random_plan(robot, 36, 5), MeasurementOptions(3e-5, 3e-5, seed=5)
     found = diagnose(moved(simulate_campaign(robot, plan, options).campaign, 5), bare(MODELS[name]))
@@ -220,8 +220,8 @@ def test_a_diagnosis_counts_that_nobody_knows_where_sessions_measured_from(name)
     assert found.held_out.position("after") < 1.5 * found.held_out.position("floor")
 
 
-def test_sessions_of_distances_between_their_rows_need_no_frame():
-    """Distances are the same from wherever they are seen; the frame of a session with places is the campaign's."""
+def test_sessions_with_distances_between_their_rows_only_need_no_frame():
+    """Such distances do not depend on the frame; the frame of a session with positions is the campaign's."""
     campaign = moved(measured("arm", 60, 7), 7)
     position, sessions = np.array(campaign.position_m), np.array(campaign.sessions)
     before = np.roll(np.arange(60), 1)

@@ -1,4 +1,4 @@
-"""Held-out blocks: whole ones that the others can predict, a separate test block; readings have no influence."""
+"""Held-out blocks: whole ones that the others can predict, the test block apart; measured values play no part."""
 
 import dataclasses
 
@@ -25,7 +25,7 @@ def test_blocks_cover_every_row_once(clean):
             assert not set(parts.test) & ({*train} | {*judged})
 
 
-def test_rows_without_a_drive_stand_in_no_region_and_change_none(clean):
+def test_rows_without_a_drive_value_are_in_no_region_and_change_none(clean):
     drives = clean.campaign.drives.copy()
     drives[5, 2] = np.nan
     lacking = dataclasses.replace(clean.campaign, drives=drives)
@@ -35,14 +35,14 @@ def test_rows_without_a_drive_stand_in_no_region_and_change_none(clean):
     }
 
 
-def test_time_is_judged_forwards(clean):
+def test_blocks_by_time_are_judged_forwards(clean):
     parts = split(clean.campaign, NONE, "time")
     assert parts.test.min() > parts.train.max()
     for train, judged in parts.validations:
         assert train.max() < judged.min()
 
 
-def test_sessions_serve_where_there_are_four(clean):
+def test_sessions_are_blocks_where_there_are_four(clean):
     sessions = tuple(str(k // 15) for k in range(60))
     campaign = dataclasses.replace(clean.campaign, sessions=sessions)
     parts = split(campaign, NONE)
@@ -51,14 +51,14 @@ def test_sessions_serve_where_there_are_four(clean):
     assert split(clean.campaign, NONE).kind == "region"
 
 
-def test_sessions_of_single_rows_give_way_to_regions(clean):
+def test_with_sessions_of_single_rows_blocks_are_regions(clean):
     campaign = dataclasses.replace(clean.campaign, sessions=tuple(str(k) for k in range(60)))
     assert split(campaign, NONE).kind == "region"
     with pytest.raises(CalibrationError, match="choose --hold-out region"):
         split(campaign, NONE, "session")
 
 
-def test_measurements_play_no_part(clean):
+def test_measured_values_play_no_part(clean):
     moved = damaged(clean.campaign, position_m=lambda p: p[::-1] + 5.0)
     first, second = split(clean.campaign, NONE), split(moved, NONE)
     np.testing.assert_array_equal(first.test, second.test)
@@ -69,8 +69,8 @@ def test_too_few_rows_are_refused(clean):
         split(clean.campaign.subset(range(12)), NONE)
 
 
-def test_whether_a_few_rows_can_be_split_does_not_hang_on_their_order(clean):
-    """Of 16 rows two regions have two, too few to test by: one of four is held out, whichever comes last."""
+def test_whether_few_rows_can_be_split_does_not_depend_on_their_order(clean):
+    """Of 16 rows two regions have two, too few for a test: one with four is held out, whichever comes last."""
     random = np.random.default_rng(0)
     few = clean.campaign.subset(range(16))
     assert sorted(rows.size for rows in blocks(few, "region").values()) == [2, 2, 4, 4, 4]
@@ -92,7 +92,7 @@ def test_blocks_are_whole(real):
 
 
 def test_repeats_of_a_pose_stay_in_one_region(real):
-    """Also where their commands differ by less than what counts as the same for the noise of repeats."""
+    """Also where their commands differ by less than the tolerance for repeats in the noise."""
     twice = real.campaign.subset(np.concatenate([np.arange(41), np.arange(41)]))
     drives = np.round(twice.drives, 6)
     drives[41:] += 4e-7
@@ -119,11 +119,11 @@ def turned_over(folder, over):
     return Campaign.read(table, RobotDefinition.load(robot))
 
 
-def test_a_block_that_alone_tells_where_tracker_and_target_stand_is_not_held_out(tmp_path):
+def test_a_block_that_alone_determines_tracker_and_target_is_not_held_out(tmp_path):
     over = np.arange(60) >= 52
     campaign = turned_over(tmp_path, over)
     alone = [name for name, rows in blocks(campaign, "region").items() if over[rows].any()]
-    assert alone == ["region 5 of 5"]  # the one that would come last
+    assert alone == ["region 5 of 5"]  # it would come last
     parts = split(campaign, NONE)
     assert (parts.test_name, over[parts.test].any()) == ("region 4 of 5", False)
     assert len(parts.folds) == 4
@@ -133,14 +133,14 @@ def test_a_block_that_alone_tells_where_tracker_and_target_stand_is_not_held_out
         split(campaign, NONE, "time")
 
 
-def test_what_no_row_tells_of_the_frames_forbids_nothing(tmp_path):
-    """Base and tool of a gantry that never turns trade places, in whatever rows."""
+def test_frame_directions_that_no_row_determines_forbid_no_block(tmp_path):
+    """Base and tool of a gantry that never rotates are confounded, whatever the rows."""
     assert split(turned_over(tmp_path, np.zeros(60, dtype=bool)), NONE).test_name == "region 5 of 5"
 
 
 @pytest.mark.parametrize("where", [slice(0, 20), slice(40, 60)])
-def test_sessions_with_frames_of_their_own_are_known_one_by_one(clean, where):
-    """All rows of one session held out would say nothing of where it was measured from."""
+def test_sessions_with_frames_of_their_own_are_determined_one_by_one(clean, where):
+    """If all rows of a session are held out, nothing gives the tracker's position in it."""
     sessions = np.full(60, "a")
     sessions[where] = "b"
     metadata = clean.campaign.metadata.model_copy(update={"frames": "per session"})
@@ -152,8 +152,8 @@ def test_sessions_with_frames_of_their_own_are_known_one_by_one(clean, where):
     assert foretold([_inner_products(frames[::2])], _inner_products(frames[1::2]))
 
 
-def test_a_share_is_that_of_the_least_known_direction():
-    """Of columns that are orthonormal over all rows a singular value squared is a share; what nobody tells is none."""
+def test_a_share_is_that_of_the_least_determined_direction():
+    """With columns orthonormal over all rows a squared singular value is a share; undetermined directions have none."""
     axes = np.linalg.qr(np.random.default_rng(2).normal(size=(40, 4)))[0]
     known = set()
     for rows in range(4, 40):
