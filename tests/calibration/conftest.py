@@ -14,11 +14,11 @@ def real(as_built):
 
 @pytest.fixture(scope="session")
 def found(repeated):
-    """The calibration of a robot with machining errors; its noise comes from repeats."""
+    """The calibration of a robot with machining errors; its noise is estimated from repeats."""
     return calibrate(repeated, None, CalibrationOptions(parameters=("centres", "moving_axes")))
 
 
 @pytest.fixture(scope="session")
 def unchanged(clean):
-    """The calibration of a robot that is as drawn."""
+    """The calibration of a robot without errors."""
     return calibrate(clean.campaign, None, CalibrationOptions(parameters=("drives", "fixed_centres")))

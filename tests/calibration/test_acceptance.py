@@ -1,4 +1,4 @@
-"""Acceptance by held-out rows: what they reject, and what they accept as chance."""
+"""The verdict of held-out rows: what they refuse, and what they accept as chance."""
 
 import numpy as np
 import pytest
@@ -23,8 +23,8 @@ def test_scores_are_mean_squares_over_the_noise():
 
 
 @pytest.mark.parametrize("rows", [2, 3, 12])
-def test_of_few_rows_no_more_is_refused_by_chance(rows):
-    """A normal value is beyond two standard deviations in 2.3 %; of three rows it was 12 %."""
+def test_with_few_rows_no_more_is_refused_by_chance(rows):
+    """A normal variable exceeds two standard deviations in 2.3 %; with three rows it was 12 %."""
     found = np.random.default_rng(rows).normal(size=(4000, rows))
     beyond = np.mean([mean_and_error(row)[0] > chance_margin(row, 2.0) for row in found])
     assert beyond == pytest.approx(ndtr(-2.0), abs=4.0 * np.sqrt(ndtr(-2.0) / 4000))
@@ -46,7 +46,7 @@ def test_better_passes_and_worse_does_not():
     assert not acceptable(after, before)
 
 
-def test_a_part_may_not_pay_for_the_other():
+def test_a_gain_of_one_kind_does_not_outweigh_a_loss_of_the_other():
     rng = np.random.default_rng(1)
     before = scores(9.0 + rng.normal(size=40), 1.0 + 0.1 * rng.normal(size=40))
     spoilt = before + np.column_stack([np.full(40, -6.0), 0.5 + 0.1 * rng.normal(size=40)])
@@ -55,7 +55,7 @@ def test_a_part_may_not_pay_for_the_other():
 
 
 def test_chance_does_not_count():
-    # Rotations scatter by 1 row by row and rise by 0.1 in the mean, of which the standard error is 0.16.
+    # Rotations scatter by 1 from row to row and rise by 0.1 on average, with a standard error of 0.16.
     change = np.tile([1.1, -0.9], 20)
     before = scores(np.full(40, 9.0), np.full(40, 2.0))
     after = before + np.column_stack([np.full(40, -6.0), change])
@@ -70,8 +70,8 @@ def test_positions_alone():
     assert not acceptable(before, before + 3.0)
 
 
-def test_next_to_nothing_is_no_harm_however_even_it_is():
-    # A delta's zeros hardly move its rotations: every row alike, by 1e-4 of the noise's variance.
+def test_a_negligible_loss_does_no_harm_however_consistent():
+    # A delta's zeros hardly change its rotations: by 1e-4 of the noise's variance in every row.
     before = scores(np.full(40, 9.0), np.full(40, 1.0))
     even = np.column_stack([np.full(40, -8.0), np.full(40, 1e-4)])
     assert harmless(before, before + even, 1.0)

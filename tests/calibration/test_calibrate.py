@@ -49,7 +49,7 @@ def test_the_gap_closes_to_the_noise(found):
     np.testing.assert_allclose(np.diagonal(found.correlation), 1.0)
 
 
-def test_a_calibration_goes_to_another_process(found):
+def test_a_calibration_can_be_passed_to_another_process(found):
     again = pickle.loads(pickle.dumps(found))
     assert again.headline == found.headline and again.calibrated == found.calibrated
 
@@ -61,7 +61,7 @@ def test_a_sound_robot_stays_as_it_is(unchanged):
 
 
 def test_effects_of_the_model_are_applied_and_not_fitted_again():
-    """A drive's zero is off beside what is known to yield: it is found, and what yields is no error of the geometry."""
+    """A drive's zero is off while a known drive yields: the zero is found, and the compliance is no geometric error."""
     taught = RobotModel.load(LEARNED)
     robot = robot_of(taught.displaced({}, {"leg1_s3": 1e-3}))
     plan = random_plan(robot, 60, 1)
@@ -74,7 +74,7 @@ def test_effects_of_the_model_are_applied_and_not_fitted_again():
     assert abs(found.fit.unknowns.values[off] - 1e-3) < 3.0 * found.std[off]
     assert found.inflation == 1.0
     assert found.misfit(found.split.test, after=True).rms_mm < 1.3 * SIGMA_M * 1e3
-    # A row that is left out yields as the others do, this one by 0.6 mrad.
+    # A row that is left out deflects as the others do, this one by 0.6 mrad.
     assert found.left_out.tolist() == [5]
     np.testing.assert_allclose(found.after[5], [2e-2] * 3 + [0.0] * 3, atol=5.0 * max(SIGMA_M, SIGMA_RAD))
     with pytest.raises(CalibrationError, match="'tilt_drive_compliance' needs payload_kg, and the camp") as problem:
@@ -82,8 +82,8 @@ def test_effects_of_the_model_are_applied_and_not_fitted_again():
     assert str(problem.value).startswith(f"{campaign.path}: the model's effect")
 
 
-def test_rows_whose_load_nobody_knows_are_left_out_where_the_model_goes_by_it():
-    """Loads drawn anew for each pose: what stands between two tells nothing, and was taken for one."""
+def test_rows_with_unknown_load_are_left_out_where_the_model_depends_on_it():
+    """The load is random for each pose, so neighbours say nothing of it; their mean was taken for the load."""
     taught = RobotModel.load(LEARNED)
     robot, options = robot_of(taught), CalibrationOptions(parameters=("drives",), choose=False)
     plan, payload = random_plan(robot, 40, 1), np.random.default_rng(1).uniform(0.0, 500.0, 40)
@@ -100,8 +100,8 @@ def test_rows_whose_load_nobody_knows_are_left_out_where_the_model_goes_by_it():
 
 
 @pytest.mark.parametrize("effect", ["base_drift", "metrology_scale", "drive_backlash", "platform_thermal_expansion"])
-def test_rows_with_effects_are_those_of_a_diagnosis(bench, effect):
-    """They count in the base, in the device's scale, in drives and in placements."""
+def test_rows_with_effects_agree_with_those_of_a_diagnosis(bench, effect):
+    """They act on the base, on the device's scale, on drives and on placements."""
     form, built = EFFECTS[effect].forms(bench.rows.conditions)[0], RobotModel.load(ACTUAL)
     values = {p.name: ParameterEntry(value=0.1 * p.prior_std, unit=p.unit) for p in form.parameters}
     model = built.model_copy(update={"effects": [EffectEntry(effect=effect, form=form.name, parameters=values)]})
@@ -116,7 +116,7 @@ def test_rows_with_effects_are_those_of_a_diagnosis(bench, effect):
     assert np.abs(seen.position_m - without.position_m).max() > 1e-6
 
 
-def test_effects_that_nobody_learned_in_some_rows_are_told(clean):
+def test_effects_not_learned_at_the_angles_of_some_rows_are_reported(clean):
     """The tilt encoder's errors, learned within 0.1 rad of a turn, in poses that tilt by 1.5 rad."""
     seen = RobotModel.load(LEARNED).learned["campaign"].model_copy(update={"seen_rad": {"leg4_s5": [(0.0, 0.1)]}})
     wave = {"theta46_sine_1": ParameterEntry(value=0.1, unit="mrad")}
@@ -129,7 +129,7 @@ def test_effects_that_nobody_learned_in_some_rows_are_told(clean):
 
 
 def test_a_robot_of_slides_that_meet_in_a_point_is_calibrated(tmp_path):
-    """Its size is how far they go: by what stands between them it had none, and any error was too large for it."""
+    """Its size is its travel: the distances between its joints are zero, so any error was too large for it."""
     drawing = Robot.load(gantry_file(tmp_path)).model
     assert drawing.definition.reach_m == pytest.approx(2.1 + 1.5 + 0.8)
     robot = Robot(drawing.displaced({"y_slide": pin.SE3(pin.exp3(np.array([0.0, 0.0, 5e-3])), np.zeros(3))}, {}))
@@ -137,7 +137,7 @@ def test_a_robot_of_slides_that_meet_in_a_point_is_calibrated(tmp_path):
     assert found.calibrated.joint_placements["y_slide"].rotation_mrad[2] == pytest.approx(5.0, abs=0.5)
 
 
-def test_the_test_block_is_not_looked_at(real):
+def test_the_test_block_is_not_used(real):
     options = CalibrationOptions(parameters=("drives", "fixed_centres"))
     first = calibrate(real.campaign, None, options)
     rows = first.split.test
@@ -164,7 +164,7 @@ def test_exact_data_are_calibrated_with_the_least_noise(drive_errors, drawing):
     assert found.misfit(found.split.test, after=True).rms_mm < 0.02
 
 
-def test_outliers_are_left_out_and_nothing_else(as_built):
+def test_outliers_and_nothing_else_are_left_out(as_built):
     virtual = measure(as_built, count=80, seed=7, outliers=3)
     found = calibrate(virtual.campaign, None, CalibrationOptions(parameters=("centres",), choose=False))
     np.testing.assert_array_equal(found.left_out, np.sort(virtual.outlier_rows))
@@ -173,12 +173,12 @@ def test_outliers_are_left_out_and_nothing_else(as_built):
 
 
 def test_an_effect_that_is_not_geometry_widens_the_intervals(real):
-    """To those of equations of so large a noise at least; what only tolerances hold is no less known by these."""
+    """At least to those of a noise as large as the residual; the tolerances keep their weight in it."""
     time = np.arange(len(real.campaign))
     drifting = damaged(real.campaign, position_m=lambda p: p + 1e-3 * np.sin(time / 3.0)[:, None])
     found = calibrate(drifting, None, CalibrationOptions(parameters=("drives", "axes"), choose=False))
     assert found.inflation > 2.0
-    # Linear least squares of the equations and, a row each, of the tolerances; columns in units of these.
+    # Linear least squares of the equations with one row for each tolerance; columns in units of the tolerances.
     told = np.sqrt(found.fit.weights)[:, None] * found.fit.equations.derivatives / found.inflation
     rows = np.vstack([told * found.fit.prior_std, np.eye(len(found.std))])
     inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))
@@ -193,8 +193,8 @@ def test_an_effect_that_is_not_geometry_widens_the_intervals(real):
     assert (lines["verdict"][lines["std"] > 0.8 * lines["prior_std"]] == "held by its tolerance").all()
 
 
-def test_stretches_are_those_of_the_rows_that_are_fitted(clean):
-    """Five, one after the other in time, of all training rows and no others; where the noise is stated nobody asks."""
+def test_blocks_of_the_jackknife_are_those_of_the_fitted_rows(clean):
+    """Five consecutive ones of all training rows and no others; without a misfit over a stated noise none is used."""
     time = np.arange(len(clean.campaign))
     drifting = damaged(clean.campaign, position_m=lambda p: p + 1e-3 * np.sin(time / 3.0)[:, None])
     unstated = drifting.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
@@ -208,7 +208,7 @@ def test_stretches_are_those_of_the_rows_that_are_fitted(clean):
     assert len(calibrate(clean.campaign, None, options).fit.covariances) == 1
 
 
-def test_a_noise_that_is_stated_too_large_is_said(clean):
+def test_a_stated_noise_that_is_too_large_is_reported(clean):
     wide = clean.campaign.metadata.model_copy(update={"sigma_rotation_rad": 5.0 * SIGMA_RAD})
     found = calibrate(damaged(clean.campaign, metadata=wide), None, CalibrationOptions(("drives",), choose=False))
     said = [line for line in warnings_of(found) if "errors below the stated noise go unseen" in line]
@@ -216,7 +216,7 @@ def test_a_noise_that_is_stated_too_large_is_said(clean):
 
 
 def test_residuals_over_a_noise_of_few_repeats_are_no_gap(drawing):
-    """Five readings of one pose, 0.6 times as far apart as the noise: what comes out in one of thirty campaigns."""
+    """Five readings of one pose scatter by 0.6 of the noise, as they do in one of thirty campaigns."""
     campaign = measure(drawing, seed=4, sigma_rotation_rad=None).campaign.subset(np.array([0] * 4 + [*range(60)]))
     metadata = campaign.metadata.model_copy(update={"sigma_position_m": None})
     apart = np.pad(0.6 * SIGMA_M * np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / np.sqrt(2.5), (0, 59))
@@ -230,7 +230,7 @@ def test_residuals_over_a_noise_of_few_repeats_are_no_gap(drawing):
 
 
 @pytest.mark.parametrize("rounds", [1, 12])
-def test_a_noise_that_nobody_states_settles_or_is_said_not_to(clean, monkeypatch, rounds):
+def test_an_unstated_noise_settles_or_is_reported_not_to(clean, monkeypatch, rounds):
     monkeypatch.setattr("pouring_robot.estimation.map_fit._NOISE_ROUNDS", rounds)
     metadata = clean.campaign.metadata.model_copy(update={"sigma_position_m": None})
     found = calibrate(damaged(clean.campaign, metadata=metadata), None, CalibrationOptions(("drives",), choose=False))
@@ -252,11 +252,11 @@ def test_wrong_units_are_refused_before_any_fit(clean):
         calibrate(wrong)
 
 
-def test_keeping_all_keeps_all(clean):
+def test_keeping_all_groups_keeps_all(clean):
     options = CalibrationOptions(parameters=("drives", "fixed_centres"), choose=False)
     found = calibrate(clean.campaign, None, options)
     assert [group.name for group in found.selection.groups] == ["drives", "fixed_centres"]
-    # A robot that is as drawn: nothing is found that intervals do not allow.
+    # The robot has no errors: nothing is found that its interval does not allow.
     score = np.abs(found.fit.unknowns.values[FRAMES:]) / found.std[FRAMES:]
     assert (score < 1.96).mean() > 0.8
     assert dataclasses.is_dataclass(found)
@@ -274,7 +274,7 @@ def test_poses_of_one_tilt_leave_open_what_other_poses_would_show(drawing, found
     assert found.rank_anywhere == found.base.rank
 
 
-def test_rows_of_one_attitude_tell_such_poses_and_no_others():
+def test_rows_of_one_attitude_determine_such_poses_and_no_others():
     """A Staubli in machining was known to ±800 mm over the workspace, and to hundredths in the poses measured."""
     arm = Robot.load(ROBOTS / "arm/robot.yaml")
     places = np.random.default_rng(5).uniform([0.4, -0.3, 0.5], [0.7, 0.3, 0.8], (40, 3))
@@ -291,7 +291,7 @@ def test_rows_of_one_attitude_tell_such_poses_and_no_others():
 
 @pytest.fixture(scope="module")
 def misled(drawing, as_built):
-    """A campaign whose last region was measured on a robot bent the other way, so what is learnt misleads there."""
+    """A campaign whose last region was measured on a robot with the opposite error, so that the fit misleads there."""
     plan, options = random_plan(drawing, 100, 5), MeasurementOptions(SIGMA_M, SIGMA_RAD, seed=5)
     placements = ({"leg1_s1": JointPlacement(translation_mm=(0.0, 0.3 * sign, 0.0))} for sign in (1.0, -1.0))
     bent = (as_built.model.model_copy(update={"joint_placements": placement}) for placement in placements)
@@ -302,7 +302,7 @@ def misled(drawing, as_built):
     return dataclasses.replace(campaign, position_m=position, rotation_vector_rad=rotation)
 
 
-def test_held_out_rows_refuse_what_makes_them_worse(misled):
+def test_held_out_rows_refuse_a_model_that_makes_them_worse(misled):
     options = CalibrationOptions(parameters=("fixed_centres",))
     calibration = calibrate(misled, None, options)
     assert calibration.refused is not None
@@ -315,7 +315,7 @@ def test_held_out_rows_refuse_what_makes_them_worse(misled):
     assert calibration.headline.startswith("No geometry found that explains the error")
 
 
-def test_who_keeps_all_keeps_it_and_is_warned(misled):
+def test_with_all_groups_kept_the_model_is_kept_with_a_warning(misled):
     calibration = calibrate(misled, None, CalibrationOptions(parameters=("fixed_centres",), choose=False))
     assert calibration.refused is None
     assert calibration.changed

@@ -28,10 +28,10 @@ def calibrated(tmp_path_factory):
     return folder / "out"
 
 
-def test_held_out_rows_come_down_to_the_noise(calibrated):
+def test_held_out_errors_are_as_small_as_the_noise(calibrated):
     held_out = json.loads((calibrated / "calibration.json").read_text())["gap"]["held_out"]
     assert held_out["before"]["rms_mm"] > 5.0 * held_out["floor"]["rms_mm"]
-    # Ten rows of six coordinates: their rms scatters by about ten per cent.
+    # Ten rows of six coordinates: the standard deviation of their RMS is about ten per cent.
     assert held_out["after"]["rms_mm"] < 1.3 * held_out["floor"]["rms_mm"]
     assert held_out["after"]["rms_mrad"] < 1.4 * held_out["floor"]["rms_mrad"]
 
@@ -42,14 +42,14 @@ def test_the_calibrated_urdf_predicts_what_the_model_file_predicts(calibrated):
     solver = ClosureSolver(ClosedChainMechanism(urdf, load_loops(calibrated / "loops.yaml")))
     for pose in (PlatformPose.from_mm_deg(-100, 20, -600, 17), PlatformPose.from_mm_deg(-140, -40, -780, -20)):
         location = robot.locate(pose)
-        # The URDF holds the drives' offsets in its joints, so that a joint's value is the command.
+        # The URDF has the drives' offsets in its joints, so that a joint's value is the command.
         found = solver.solve(location.drives, robot.kinematics.configuration(pose)).pose_base_to_end
         expected = location.actual.pose_base_to_end
         np.testing.assert_allclose(found.translation, expected.translation, atol=1e-9)
         np.testing.assert_allclose(pin.log3(found.rotation @ expected.rotation.T), 0.0, atol=1e-9)
 
 
-def test_the_suggested_plan_runs_as_it_is_printed(calibrated, tmp_path, monkeypatch):
+def test_the_suggested_plan_command_runs_as_printed(calibrated, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (line,) = [x for x in json.loads((calibrated / "calibration.json").read_text())["next"] if "campaign plan" in x]
     arguments = line.partition("pouring-robot ")[2].split()
@@ -57,7 +57,7 @@ def test_the_suggested_plan_runs_as_it_is_printed(calibrated, tmp_path, monkeypa
     assert (tmp_path / "next.csv").exists()
 
 
-def test_a_sound_robot_is_left_alone(tmp_path):
+def test_a_sound_robot_is_left_unchanged(tmp_path):
     campaign = tmp_path / "measured.csv"
     assert main(["campaign", "simulate", "--out", str(campaign), "--random", "60", "--seed", "3"]) == 0
     assert main(["calibrate", str(campaign), "--out", str(tmp_path / "out")]) == 0
@@ -74,7 +74,7 @@ def test_damaged_input_writes_nothing(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_wrong_choice_is_refused_in_the_users_words(tmp_path, capsys):
+def test_a_wrong_choice_is_refused_in_the_users_terms(tmp_path, capsys):
     assert main(["calibrate", "c.csv", "--out", str(tmp_path / "out"), "--loss", "cauchy"]) == 2
     assert capsys.readouterr().err.rstrip() == (
         "pouring-robot: Invalid value for '--loss': 'cauchy' is not one of 'huber', 'soft_l1', 'linear'; "
@@ -82,8 +82,8 @@ def test_a_wrong_choice_is_refused_in_the_users_words(tmp_path, capsys):
     )
 
 
-def test_what_could_not_be_written_is_refused_before_the_fit(tmp_path, capsys, monkeypatch):
-    """The URDF stands at the home, which a slide that begins at 0.2 m does not reach at zero."""
+def test_an_output_that_could_not_be_written_is_refused_before_the_fit(tmp_path, capsys, monkeypatch):
+    """The URDF is at the home, where a slide that begins at 0.2 m cannot be at zero."""
     (tmp_path / "arm.urdf").write_text(ARM.replace('lower="0"', 'lower="0.2"'), encoding="utf-8")
     (tmp_path / "robot.yaml").write_text(FILE, encoding="utf-8")
     table = write_text(tmp_path, "turn_rad,reach_rad,x_m,y_m,z_m", ["0.1,300,1,2,3"])

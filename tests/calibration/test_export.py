@@ -1,4 +1,4 @@
-"""Written files: complete, reloadable, and explicit about what is unknown."""
+"""Output files: complete, reloadable, and never silent about what is unknown."""
 
 import json
 import os
@@ -13,7 +13,7 @@ from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.model import RobotModel
 
 
-def test_everything_is_there_and_the_model_comes_back(found, tmp_path):
+def test_all_files_are_written_and_the_model_can_be_read_back(found, tmp_path):
     written = write_calibration(found, tmp_path / "out")
     names = {path.name for path in written}
     assert names == {"calibrated.yaml", "calibration.json", "loops.yaml", "pouring_robot.urdf", "report.html"}
@@ -24,7 +24,7 @@ def test_everything_is_there_and_the_model_comes_back(found, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_a_rank_deficient_fit_says_so_in_every_file(found, tmp_path, undrawn):
+def test_a_rank_deficient_fit_is_reported_in_every_file(found, tmp_path, undrawn):
     assert found.base.deficient
     write_calibration(found, tmp_path / "out")
     assert RobotModel.load(tmp_path / "out" / "calibrated.yaml").description.startswith("Rank deficient")
@@ -32,7 +32,7 @@ def test_a_rank_deficient_fit_says_so_in_every_file(found, tmp_path, undrawn):
     assert "rank deficient" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_a_model_that_is_worse_on_held_out_rows_says_so(found):
+def test_a_model_that_is_worse_on_held_out_rows_is_marked(found):
     worse = replace(found, before=found.after, after=found.before)
     assert "do not use this model" in described(worse).description
 
@@ -51,7 +51,7 @@ def test_a_failure_leaves_the_folder_as_it_was(found, tmp_path, monkeypatch, und
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_places_that_cannot_be_written_are_named(tmp_path):
+def test_placements_that_cannot_be_written_are_named(tmp_path):
     (tmp_path / "file").write_text("x")
     with pytest.raises(OutputError, match="give a folder"):
         check_folder(tmp_path / "file")
@@ -61,7 +61,7 @@ def test_places_that_cannot_be_written_are_named(tmp_path):
         check_folder(None)
 
 
-def test_the_model_file_says_that_heat_took_no_part(found):
+def test_the_model_file_says_that_heat_was_not_used(found):
     warm = found.present.model_copy(update={"heat": HeatSection()})
     assert "heat section" not in described(found).description
     assert "heat section of the model was not used" in described(replace(found, present=warm)).description

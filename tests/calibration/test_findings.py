@@ -1,4 +1,4 @@
-"""Findings: values, intervals and verdicts of parameters, and the effect of a group at the ladle."""
+"""What changed: values, intervals and verdicts, and the effect of a group at the ladle."""
 
 import dataclasses
 
@@ -38,8 +38,8 @@ def test_combinations_hold_no_frame_and_are_better_known_than_their_parts(found)
     assert all(line.std < line.prior_std for line in lines)
 
 
-def test_what_a_group_does_is_what_its_absence_costs(found):
-    """Against exact predictions with the group's values taken out, frames refitted by hand."""
+def test_the_effect_of_a_group_is_what_its_absence_costs(found):
+    """Against predictions with the group's values removed and the frames refitted by hand."""
     effects = {line.name: line for line in group_effects(found)}
     assert set(effects) == {group.name for group in found.selection.groups}
     fit, first = found.fit, FRAMES
@@ -54,8 +54,8 @@ def test_what_a_group_does_is_what_its_absence_costs(found):
         assert effects[group.name].moved_mm > 0.01
 
 
-def test_what_a_group_does_is_told_in_places_where_distances_were_measured_beside_them(clean):
-    """Distances known forty times better than places: their equations are over their own noise."""
+def test_the_effect_of_a_group_is_given_at_positions_where_distances_were_measured_too(clean):
+    """Distances are known forty times better than positions: each equation is over its own noise."""
     campaign, options = clean.campaign, CalibrationOptions(parameters=("drives",), choose=False)
     known = campaign.metadata.model_copy(update={"sigma_distance_m": SIGMA_M / 40.0})
     lengths = np.linalg.norm(campaign.position_m, axis=1, keepdims=True)
@@ -69,8 +69,8 @@ def test_what_a_group_does_is_told_in_places_where_distances_were_measured_besid
     assert line.moved_mm == pytest.approx(np.sqrt((places**2).mean()), rel=1e-6)
 
 
-def test_what_frames_of_sessions_would_do_as_well_a_group_does_not(found):
-    """Their columns stand behind those of the parameters: here they do what the parameters of all groups do."""
+def test_the_effect_of_a_group_excludes_what_frames_of_sessions_absorb(found):
+    """Their columns follow those of the parameters: here they equal the columns of all groups."""
     jacobian = found.fit.equations.derivatives
     equations = dataclasses.replace(found.fit.equations, jacobian=np.hstack([jacobian, jacobian[:, FRAMES:]]))
     beside = dataclasses.replace(found, fit=dataclasses.replace(found.fit, equations=equations))

@@ -1,4 +1,4 @@
-"""Uncertainty of the ladle: propagated covariance against many draws; what no campaign can identify does not count."""
+"""How well the ladle is known: propagated covariance against many draws, without directions that no campaign shows."""
 
 import numpy as np
 import pinocchio as pin
@@ -25,10 +25,10 @@ def uncertainty(drawing, virtual, covariance, unknowns, *, located=True, turned)
 
 
 @pytest.mark.parametrize("located", [True, False])
-def test_carried_covariance_is_the_scatter_of_draws(drawing, fitted, located):
-    """Target and lip are one rigid body, seen from the tracker, or from the base; draws are predicted exactly."""
+def test_propagated_covariance_is_the_scatter_of_draws(drawing, fitted, located):
+    """Target and lip are one rigid body, seen from the tracker or from the base; draws are predicted exactly."""
     virtual, fit = fitted
-    small = 1e-4 * fit.covariance  # small enough that first order holds
+    small = 1e-4 * fit.covariance  # small enough for first order
     rows, lip, found = uncertainty(drawing, virtual, small, fit.unknowns, located=located, turned=True)
     rows = rows[np.arange(0, len(rows), 9)]
     frames = fit.unknowns.frames
@@ -44,12 +44,12 @@ def test_carried_covariance_is_the_scatter_of_draws(drawing, fitted, located):
     np.testing.assert_allclose(found.std_m[::9], np.std(seen, axis=0), rtol=0.25)
 
 
-def test_a_measured_target_leaves_hundredths_of_a_millimetre(drawing, fitted):
+def test_a_measured_target_orientation_gives_hundredths_of_a_millimetre(drawing, fitted):
     virtual, fit = fitted
     known = uncertainty(drawing, virtual, fit.covariance, fit.unknowns, turned=True)[2]
     blind = uncertainty(drawing, virtual, fit.covariance, fit.unknowns, turned=False)[2]
     assert np.median(known.half_width_m) < 2e-4
-    # A turn of all seats together looks like a turn of the target: where nobody measured that, tolerances decide.
+    # A rotation of all seats together looks like one of the target: where that was not measured, tolerances decide.
     assert np.median(blind.half_width_m) > 4.0 * np.median(known.half_width_m)
 
 

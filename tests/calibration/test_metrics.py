@@ -22,7 +22,7 @@ def test_misfit_by_hand():
     assert np.isnan(Misfit.of(np.full((2, 6), np.nan)).rms_mm)
 
 
-def test_the_largest_error_is_none_of_the_rows_measured_whole_alone():
+def test_the_largest_error_is_not_only_of_rows_measured_whole():
     difference = np.full((3, 6), np.nan)
     difference[0, :3] = 0.1e-3
     difference[1:, :2] = [[3e-3, 4e-3], [6e-3, 8e-3]]  # two coordinates of the three
@@ -50,12 +50,12 @@ def test_accuracy_and_repeatability_by_hand():
     assert pose_performance(measured, before, after, [np.array([3, 4])]) is None
 
 
-def test_a_repeat_without_its_turn_does_not_hide_the_turns_of_the_others():
+def test_a_repeat_without_its_rotation_does_not_hide_the_rotations_of_the_others():
     after = np.zeros((4, 6))
     after[:, 3] = [2e-3, 2e-3, 2e-3, np.nan]
     measured = MeasuredPoses(np.zeros((4, 3)), np.tile(np.eye(3), (4, 1, 1)), 1e-3, 1e-3)
     found = pose_performance(measured, 2.0 * after, after, [np.arange(4)])
     assert (found.ap_before_mrad, found.ap_after_mrad, found.rp_mrad) == pytest.approx((4.0, 2.0, 0.0))
-    after[:2, 3] = np.nan  # one of them alone is no pose that was measured repeatedly
+    after[:2, 3] = np.nan  # a single one of them is no repeatedly measured pose
     found = pose_performance(measured, after, after, [np.arange(4)])
     assert found.ap_after_mm == 0.0 and np.isnan([found.ap_after_mrad, found.rp_mrad]).all()

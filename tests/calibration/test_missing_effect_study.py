@@ -4,8 +4,8 @@ from scripts.studies import missing_effect
 from tests.support import ROOT
 
 
-def test_intervals_hold_what_other_campaigns_give(monkeypatch, capsys):
-    """Those of a noise as large as what is left do not; the full study is scripts/studies/missing_effect.py."""
+def test_intervals_hold_the_results_of_other_campaigns(monkeypatch, capsys):
+    """Those of a noise as large as the residual do not; the full study is scripts/studies/missing_effect.py."""
     monkeypatch.setattr(missing_effect, "_EFFECTS", {"time": missing_effect._by_time})
     robot = ROOT / "examples" / "robots" / "arm" / "robot.yaml"
     assert missing_effect.main(["--robot", str(robot), "--campaigns", "12", "--rows", "80"]) == 0

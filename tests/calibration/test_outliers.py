@@ -1,4 +1,4 @@
-"""Gross errors along with errors of the robot of the same size, which no check before the fit can distinguish."""
+"""Gross errors no larger than errors of the robot, so that no check before the fit distinguishes them."""
 
 import dataclasses
 
@@ -33,7 +33,7 @@ def sound():
 
 
 def off_by_8_mm(campaign, rows):
-    """Return the campaign with rows (k,) that far off, each its own way."""
+    """Return the campaign with rows (k,) off by that much, each in its own direction."""
     ways = np.random.default_rng(1).normal(size=(len(rows), 3))
     ways *= 8e-3 / np.linalg.norm(ways, axis=1)[:, None]
     return damaged(campaign, position_m=lambda p: p.__setitem__(rows, p[rows] + ways))
@@ -47,7 +47,7 @@ def test_no_row_of_a_sound_campaign_is_left_out(sound):
 
 @pytest.mark.parametrize("stated", [True, False])
 def test_rows_that_no_error_of_the_robot_explains_are_left_out_and_named(sound, stated):
-    """One among the rows that are fitted, one among those held out."""
+    """One is among the fitted rows, one among those held out."""
     campaign, found = sound
     wrong = np.sort([found.split.train[7], found.split.test[3]])
     campaign = off_by_8_mm(campaign, wrong)
@@ -63,14 +63,14 @@ def test_rows_that_no_error_of_the_robot_explains_are_left_out_and_named(sound, 
     assert calibration_metrics(found)["rows"]["left_out_lines"] == lines
     flags = [flag for flag in found.flags if flag.code is FlagCode.OUTLIER]
     assert [flag.rows for flag in flags] == [(row,) for row in wrong.tolist()]
-    # The largest coordinate of 8 mm over a noise of 0.05 mm, which is within a fifth of that.
+    # The largest coordinate of 8 mm over a noise of 0.05 mm, which is known to a fifth.
     least, most = 0.8 * 160.0 / np.sqrt(3.0), 1.2 * 160.0
     assert all(least < flag.metrics["times_the_noise"] < most for flag in flags)
     assert found.noise.position_m == pytest.approx(SIGMA_M, rel=0.2)
 
 
 def test_a_block_that_is_off_as_a_whole_is_no_gross_error(sound):
-    """What is unknown there is at work in all its rows: the rows off most are no worse than the others."""
+    """An unknown error acts on all its rows: the worst rows are no worse than the others."""
     campaign, found = sound
     test = found.split.test
     ways = np.random.default_rng(2).normal(0.0, 0.5e-3, (test.size, 3))

@@ -1,4 +1,4 @@
-"""Pictures: they show something, for a changed robot and for an unchanged one."""
+"""Plots: they show something, for a changed robot and for one left unchanged."""
 
 import dataclasses
 from xml.etree import ElementTree
@@ -18,21 +18,21 @@ def marks(svg):
     return sum(element.tag.endswith(("path", "use")) for element in drawing.iter())
 
 
-def test_four_pictures_of_a_calibrated_robot(found):
+def test_four_plots_of_a_calibrated_robot(found):
     drawn = plots(found)
     assert [title.split(" ")[0] for title, _ in drawn] == ["Error", "Parameters", "How", "Correlation"]
     assert all(marks(svg) > 30 for _, svg in drawn)
 
 
-def test_numbers_of_parameters_say_whose_they_are(found, monkeypatch):
-    """There is no room for more than some names."""
+def test_numbers_of_parameters_are_explained(found, monkeypatch):
+    """There is room for a few names only."""
     said = "parameter of calibration.json, the first is 0"
     assert said not in plots(found)[-1][1]
     monkeypatch.setattr(drawing, "_MOST_NAMES", 1)
     assert said in plots(found)[-1][1]
 
 
-def test_errors_of_lines_alone_are_drawn(found):
+def test_errors_of_distances_alone_are_drawn(found):
     noise, lines = NoiseLevel({"distance": Noise(1e-4, "stated")}), np.full((len(found.before), 7), np.nan)
     lines[:, 6] = 1e-3
     title, svg = plots(dataclasses.replace(found, noise=noise, before=lines, after=lines))[0]
@@ -41,12 +41,12 @@ def test_errors_of_lines_alone_are_drawn(found):
     assert "distance error [mm]" in svg
 
 
-def test_the_style_of_the_users_own_plots_is_not_in_them(unchanged):
+def test_the_style_of_the_users_own_plots_has_no_effect(unchanged):
     usual = plots(unchanged)
     with mpl.rc_context({"text.color": "white", "axes.labelcolor": "white", "font.size": 30.0}):
         assert plots(unchanged) == usual
         assert mpl.rcParams["font.size"] == 30.0
 
 
-def test_two_of_one_left_alone(unchanged):
+def test_two_plots_of_an_unchanged_robot(unchanged):
     assert len(plots(unchanged)) == 2

@@ -1,4 +1,4 @@
-"""The exit report: every figure that a shop-floor engineer needs is present, as text and as a page."""
+"""The exit report: every figure that a shop-floor engineer asks for, as text and as a page."""
 
 import dataclasses
 import re
@@ -25,20 +25,20 @@ from pouring_robot.estimation.intervals import Z95
 from pouring_robot.estimation.noise import Noise, NoiseLevel
 
 
-def test_the_headline_says_the_outcome(found, unchanged):
+def test_the_headline_states_the_outcome(found, unchanged):
     test = found.split.test
     before, after = (found.misfit(test, after=a).rms_mm for a in (False, True))
     assert f"{before:.3f} to {after:.3f} mm" in found.headline
     assert "noise floor" in found.headline
     left = unchanged.misfit(unchanged.split.test, after=False)
-    # Rotations stand beside positions here, too: they may be what is off.
+    # Rotations are given next to positions, as the error may be in them.
     assert unchanged.headline.startswith(
         f"Nothing to calibrate: held-out rows are at {left.rms_mm:.3f} mm RMS and {left.rms_mrad:.3f} mrad; noise "
     )
 
 
 @pytest.mark.parametrize("name", ["found", "unchanged"])
-def test_the_headline_says_what_was_not_measured_in_the_rows_held_out(name, request):
+def test_the_headline_says_what_was_not_measured_in_the_held_out_rows(name, request):
     calibration = request.getfixturevalue(name)
     before, after = calibration.before.copy(), calibration.after.copy()
     before[calibration.split.test, :3] = after[calibration.split.test, :3] = np.nan
@@ -51,8 +51,8 @@ def test_the_headline_says_what_was_not_measured_in_the_rows_held_out(name, requ
     assert "nan" not in said
 
 
-def test_the_floor_is_the_noise_of_what_was_measured_in_the_rows(found):
-    """Rows held out with lines alone beside places in those fitted: each is held against its own noise."""
+def test_the_noise_floor_is_that_of_what_was_measured_in_the_rows(found):
+    """The held-out rows have distances only, the fitted ones positions: each is compared with its own noise."""
     noise = NoiseLevel({"position": Noise(1e-4, "stated"), "distance": Noise(7e-4, "stated")})
     before = np.full((len(found.before), 7), np.nan)
     before[found.split.train, :2], before[found.split.test, 6] = 1e-3, 1e-3
@@ -73,8 +73,8 @@ def test_rows_that_are_left_out_are_counted_and_named(found):
         assert line.endswith(f"left out: {said}")
 
 
-def test_it_is_said_why_rows_beyond_limits_are_left_out(found):
-    """Of a real arm a quarter of the rows were, and nobody knew why."""
+def test_the_reason_is_given_for_rows_left_out_beyond_limits(found):
+    """For a real arm a quarter of the rows were, and no reason was given."""
     flag = DataFlag(FlagCode.UNREACHABLE_DRIVES, Severity.ERROR, "the robot cannot take these", "mend the limits", (3,))
     assert "the robot cannot take these" in warnings_of(dataclasses.replace(found, flags=(flag,)))
 
@@ -136,12 +136,12 @@ class Reader(HTMLParser):
         self.text.append(data)
 
 
-def test_the_page_is_whole_and_needs_no_other_file(found, unchanged):
+def test_the_page_is_complete_and_needs_no_other_file(found, unchanged):
     for calibration in (found, unchanged):
         reader = Reader()
         reader.feed(html_report(calibration))
         assert not reader.open
-        assert reader.outside == ["calibrated.yaml", "calibration.json"]  # beside it
+        assert reader.outside == ["calibrated.yaml", "calibration.json"]  # next to it
         text = " ".join(reader.text)
         for heading in (
             "Calibration with ",
@@ -153,7 +153,7 @@ def test_the_page_is_whole_and_needs_no_other_file(found, unchanged):
             assert heading in text
 
 
-def test_a_part_of_the_page_with_nothing_in_it_says_so(found):
+def test_an_empty_part_of_the_page_says_so(found):
     kept = dataclasses.replace(found, selection=dataclasses.replace(found.selection, steps=()), flags=())
     told = re.sub(r"<[^>]+>|\s+", " ", html_report(kept)).split("How groups were chosen")[1].split()
     assert " ".join(told).startswith("all were kept, as asked for Findings of the data checks nothing")

@@ -1,4 +1,4 @@
-"""Selection: groups that reduce the held-out error are kept, others are not, and the test block is never used."""
+"""Selection: groups that help held-out rows are kept, others are not, and the test block is never used."""
 
 import dataclasses
 
@@ -15,7 +15,7 @@ from tests.estimation.virtual import SIGMA, Virtual, groups_of, model_of
 
 @pytest.fixture(scope="module")
 def case(drawing, clean):
-    """Drives off by their tolerance and centres as drawn, split as the clean campaign is."""
+    """Drives off by their tolerance and centres without errors, split as the clean campaign is."""
     virtual = Virtual(drawing, model_of(drawing, "drives"), 60, seed=4)
     return virtual, split(clean.campaign, np.zeros(0, dtype=np.intp), "region")
 
@@ -25,7 +25,7 @@ def choose(case, drawing, measured):
     return select_groups(virtual.rows, measured, parts, groups_of(drawing, "centres"), Tolerances.load())
 
 
-def test_keeps_what_is_off_and_nothing_else(case, drawing):
+def test_groups_with_errors_and_no_others_are_kept(case, drawing):
     said = []
     virtual, parts = case
     candidates = groups_of(drawing, "centres")
@@ -48,8 +48,8 @@ def test_the_test_block_plays_no_part(case, drawing):
     assert [g.name for g in first.groups] == [g.name for g in second.groups]
 
 
-def test_nothing_is_said_to_help_nobody_where_nothing_could_be_tried(case, drawing):
-    """Two blocks of which each alone tells a direction of the frames: none can be foretold by the other."""
+def test_an_error_is_raised_where_no_group_could_be_tested(case, drawing):
+    """Two blocks of which each alone determines a direction of the frames: neither predicts the other."""
     virtual, parts = case
     first, last = np.array_split(parts.train, 2)
     apart = dataclasses.replace(parts, folds=(first, last), told=(np.diag([1.0, 0.0]), np.diag([0.0, 1.0])))
@@ -57,8 +57,8 @@ def test_nothing_is_said_to_help_nobody_where_nothing_could_be_tried(case, drawi
         select_groups(virtual.rows, virtual.measured, apart, groups_of(drawing, "centres"), Tolerances.load())
 
 
-def test_a_reading_from_a_row_that_is_not_predicted_speaks_against_a_group(case, drawing, monkeypatch):
-    """As a distance from another row, which a group bends out of reach: its own closes, and nothing is told of it."""
+def test_a_row_that_a_group_leaves_unpredicted_speaks_against_it(case, drawing, monkeypatch):
+    """As for a distance whose other row a group bends out of reach: its own row closes, but has no prediction."""
     _, parts = case
     folds, judged = len(parts.validations), []
 
@@ -86,7 +86,7 @@ def test_candidates_come_from_the_catalogue(drawing):
     assert [g.name for g in catalogue.groups(("centres",))] == ["drives", "fixed_centres", "moving_centres"]
 
 
-def test_positions_do_not_pay_for_rotations():
+def test_a_gain_in_positions_does_not_outweigh_a_loss_in_rotations():
     rng = np.random.default_rng(2)
     present = np.column_stack([9.0 + rng.normal(size=60), 1.0 + 0.2 * rng.normal(size=60)])
     scatter = rng.normal(size=60).clip(-0.5, 0.5)

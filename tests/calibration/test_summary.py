@@ -40,13 +40,13 @@ def test_unchanged_figures(unchanged):
     figures = json.loads(json.dumps(calibration_metrics(unchanged), allow_nan=False))
     assert figures["status"] == "unchanged"
     assert figures["parameters"] == []
-    # The y of target and tracker cannot be told apart, but nothing was changed along it.
+    # The y of target and tracker are confounded, but nothing was changed along it.
     assert figures["warnings"] == ["no parameter improves held-out rows, so the model is unchanged"]
     assert figures["iso_9283"] is None
 
 
 def test_warnings(found):
-    # Sixty poses all over the box show whatever can be shown: what is left is no reason to measure again.
+    # Sixty poses all over the box show all that can be shown: what remains open is no reason to measure again.
     assert not any("rank" in line for line in warnings_of(found))
     short = replace(found, rank_anywhere=found.base.rank + 3)
     assert any(f"do not show 3 of {found.base.rank + 3} combinations" in line for line in warnings_of(short))
@@ -57,19 +57,19 @@ def test_warnings(found):
     codes = FlagCode.ANOTHER_ROBOT, FlagCode.MEASUREMENT_JUMP, FlagCode.OUTLIER, FlagCode.NO_TEMPERATURES
     flags = tuple(DataFlag(code, code.severity, f"found: {code}", "mend") for code in codes)
     told = [line for line in warnings_of(replace(found, flags=flags)) if line.startswith("found: ")]
-    assert told == ["found: another_robot", "found: measurement_jump"]  # rows that are left out are named there
+    assert told == ["found: another_robot", "found: measurement_jump"]  # rows that are left out are named elsewhere
     fit = found.fit
     larger = replace(fit.equations, residual=3.0 / fit.noise_ratio() * fit.equations.residual)
     large = replace(found, fit=replace(fit, equations=larger))
     assert any("3.00 times the noise: the model lacks an effect" in line for line in warnings_of(large))
-    # Groups that few rows did not tell from chance may be what is left, too.
+    # The misfit may also be due to groups that few rows could not distinguish from chance.
     kept = large.selection.groups
     more = replace(large, candidates=(*kept, replace(kept[0], name="others")))
     assert any("or a group that was not kept (others; --keep-all keeps all)" in line for line in warnings_of(more))
     assert not any("not kept" in line for line in warnings_of(replace(large, candidates=kept)))
 
 
-def test_a_search_that_ended_at_its_limit_and_rows_that_do_not_close_are_told(found):
+def test_a_search_that_ended_at_its_limit_and_rows_that_do_not_close_are_reported(found):
     equations = replace(found.fit.equations, failed=np.array([3, 7]))
     short = replace(found, fit=replace(found.fit, equations=equations, converged=False, last_step=0.4))
     added = [line for line in warnings_of(short) if line not in warnings_of(found)]
@@ -79,16 +79,16 @@ def test_a_search_that_ended_at_its_limit_and_rows_that_do_not_close_are_told(fo
     assert (figures["fit"]["converged"], figures["rows"]["not_closing"]) == (False, 2)
 
 
-def test_of_a_workspace_without_a_pose_it_is_said_so(found):
-    """Limits of a robot file may leave none in which it closes."""
+def test_a_workspace_without_a_pose_is_reported(found):
+    """The limits of a robot file may leave no pose in which it closes."""
     none = replace(found, ladle=replace(found.ladle, position_m=np.zeros((0, 3)), std_m=np.zeros((0, 3))))
     assert calibration_metrics(none)["ladle"] == {"poses": 0}
     assert ladle_line(none) == "the workspace box holds no pose the robot can take"
     assert [any("least certain" in line for line in next_measurements(one)) for one in (found, none)] == [True, False]
 
 
-def test_what_is_worse_is_told_of_every_kind(found):
-    """Distances beside places, and alone: the figure of lengths is theirs then, and no position's."""
+def test_worse_errors_are_reported_for_every_kind(found):
+    """Distances with positions, and alone: then the figure of lengths is theirs, and not that of positions."""
     size = found.before.shape[0]
     none, small, large = np.full((size, 3), np.nan), np.full((size, 1), 1e-4), np.full((size, 1), 2e-4)
     for placed in (found.after[:, :3], none):
@@ -128,12 +128,12 @@ def test_a_plan_is_suggested_for_the_machine_that_was_measured(found, layout, na
     other = found.present.model_copy(update=layout)
     other._defined = (other.robot_path, other.layout, other.layouts_path), found.present.definition
     assert any(f"campaign plan {named} --out" in line for line in next_measurements(replace(found, present=other)))
-    elsewhere = next_measurements(replace(found, present=other), Path("my results"))  # typed beside that folder
+    elsewhere = next_measurements(replace(found, present=other), Path("my results"))  # typed in the folder above
     typed = named.replace("calibrated.yaml", "'my results/calibrated.yaml'")
     assert any(f"campaign plan {typed} --out" in line for line in elsewhere)
 
 
-def test_notes_say_what_no_measurement_tells(found, unchanged):
+def test_notes_say_what_no_measurement_determines(found, unchanged):
     notes = notes_of(found)
     never = len(found.base.names) - found.base.rank
     assert any(f"rank deficient by nature: {never} of {len(found.base.names)} directions" in line for line in notes)
@@ -143,7 +143,7 @@ def test_notes_say_what_no_measurement_tells(found, unchanged):
     assert notes_of(unchanged) == []
 
 
-def test_groups_not_kept_are_named_as_taken_for_exact(found):
+def test_dropped_groups_are_named_as_taken_for_exact(found):
     dropped = [group.name for group in found.candidates if group not in found.selection.groups]
     everything = replace(found, candidates=found.selection.groups)
     assert not any("taken as exact" in line for line in notes_of(everything))
@@ -151,14 +151,14 @@ def test_groups_not_kept_are_named_as_taken_for_exact(found):
     assert dropped and all(name in line for name in dropped)
 
 
-def test_a_heat_section_that_took_no_part_is_warned_of(found):
+def test_an_unused_heat_section_is_warned_of(found):
     warm = replace(found, present=found.present.model_copy(update={"heat": HeatSection()}))
     assert any("heat section of the model was not used" in line for line in warnings_of(warm))
 
 
 @pytest.mark.parametrize(("factor", "lines_of", "shown"), [(4.0, warnings_of, ".1f"), (0.2, notes_of, ".2f")])
-def test_values_far_from_their_tolerances_are_told(found, factor, lines_of, shown):
-    """A robot made to its tolerances is silent; one four times as far off is not, nor one that is a fifth."""
+def test_values_far_from_their_tolerances_are_reported(found, factor, lines_of, shown):
+    """A robot made to its tolerances is not; one with four times or a fifth of these errors is."""
 
     def told(one):
         return [line for line in lines_of(one) if "times as large as the tolerances" in line]
@@ -172,8 +172,8 @@ def test_values_far_from_their_tolerances_are_told(found, factor, lines_of, show
     assert [f"are {times:{shown}} times as large" in line for line in told(other)] == [True]
 
 
-def test_rows_that_are_worse_one_by_one_are_told_though_their_values_are_not(found):
-    """Rows of one coordinate count as much as rows of three."""
+def test_rows_that_are_worse_one_by_one_are_reported_though_their_values_are_not_worse(found):
+    """Rows with one coordinate count as much as rows with three."""
     sigma, test = found.noise.position_m, found.split.test
     before, after = (np.full((len(found.before), 6), size * sigma) for size in (1.0, 0.65))
     after[test[::2], 0] = 1.6 * sigma
@@ -183,8 +183,8 @@ def test_rows_that_are_worse_one_by_one_are_told_though_their_values_are_not(fou
     assert "worse on held-out rows, row by row; do not use this model" in told
 
 
-def test_what_held_out_rows_bear_is_not_said_to_be_worse(found):
-    """Rotations a tenth worse by chance: no more than two standard errors, while places are ten times better."""
+def test_a_loss_within_chance_in_held_out_rows_is_not_called_worse(found):
+    """Rotations are a tenth worse by chance, within two standard errors, while positions are ten times better."""
     random = np.random.default_rng(2)
     sigma = np.repeat([found.noise.position_m, found.noise.rotation_rad], 3)
     before = sigma * random.normal(size=(len(found.before), 6)) * np.repeat([10.0, 1.0], 3)

@@ -1,4 +1,4 @@
-"""Parameters that change in place of dropped ones: an arm whose zeros are assumed to be exact."""
+"""Parameters that absorb the errors of dropped ones: an arm whose zeros are taken as exact."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ def found():
     return calibrate(measure(arm_as_built(1), count=80, seed=1).campaign, Robot.load(ROBOTS / "arm/robot.yaml").model)
 
 
-def test_zeros_that_axes_turn_in_the_place_of_are_not_axes_beyond_their_tolerances(found):
+def test_axes_that_absorb_errors_of_zeros_are_not_called_beyond_their_tolerances(found):
     def told(one):
         return [line for line in warnings_of(one) if "times as large as the tolerances" in line]
 
@@ -30,8 +30,8 @@ def test_zeros_that_axes_turn_in_the_place_of_are_not_axes_beyond_their_toleranc
     assert len(told(replace(found, fit=replace(found.fit, unknowns=farther)))) == 1
 
 
-def test_what_moves_in_their_place_is_what_a_fit_without_them_finds(found):
-    """Arms with one zero off by its tolerance, each, and nothing else, calibrated without zeros."""
+def test_the_values_that_absorb_dropped_parameters_are_those_of_a_fit_without_them(found):
+    """For arms with one zero off by its tolerance and nothing else, calibrated without zeros."""
     drawing = Robot.load(ROBOTS / "arm/robot.yaml").model
     kept = tuple(group.name for group in found.selection.groups)
     options, expected = CalibrationOptions(parameters=kept, choose=False), 0.0
@@ -46,11 +46,11 @@ def test_what_moves_in_their_place_is_what_a_fit_without_them_finds(found):
     np.testing.assert_allclose(moves @ moves.T, expected, atol=0.3)
 
 
-def test_the_ladle_is_known_as_with_what_was_dropped(found):
-    """The arm seen by position alone: which way the tool turns hangs on zeros that positions hardly miss.
+def test_the_ladle_is_as_uncertain_as_with_the_dropped_parameters_fitted(found):
+    """The arm is measured by position only: the tool's orientation depends on zeros that positions hardly determine.
 
-    With all kept the covariance is the inverse of one matrix; with some dropped it is put together from two fits. They
-    are linear at places that differ by what dropped ones are found to be.
+    With all groups kept the covariance is the inverse of one matrix; with some dropped it is composed of two fits,
+    linearised at points that differ by the values of the dropped parameters.
     """
     drawing, seen = found.present, replace(found.campaign, rotation_vector_rad=None)
     one = calibrate(seen, drawing)
