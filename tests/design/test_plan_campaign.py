@@ -12,12 +12,12 @@ from pouring_robot.estimation.noise import NoiseLevel
 from tests.support import ROOT, gantry_file
 
 
-def test_a_plan_is_as_large_as_asked(drawing):
+def test_a_plan_has_the_size_asked_for(drawing):
     plan = plan_campaign(drawing, PlanRequest(poses=12, parameters=("drives",), candidates=200, starts=1))
     assert len(plan.poses) == 12
 
 
-def test_what_does_not_exist_is_refused(drawing):
+def test_names_that_do_not_exist_are_refused(drawing):
     with pytest.raises(BadInputError, match="no parameter"):
         plan_campaign(drawing, PlanRequest(parameters=("nothing",)))
     with pytest.raises(BadInputError, match=r"give a Robot, as load_robot and .* not a str"):
@@ -25,7 +25,7 @@ def test_what_does_not_exist_is_refused(drawing):
 
 
 def test_one_drive_alone_is_planned_and_drawn(tmp_path):
-    """Of a slide only its backlash shows, by two sides of k of n poses: as the difference of two means tells it."""
+    """Of a slide only its backlash shows, by two sides of k of n poses: as from the difference of two means."""
     path = gantry_file(tmp_path)
     text = path.read_text(encoding="utf-8").replace("end_frame: z", "end_frame: x")
     path.write_text(f"{text.partition('drives:')[0]}drives: [{{joint: x_slide}}]\n", encoding="utf-8")
@@ -40,7 +40,7 @@ def test_one_drive_alone_is_planned_and_drawn(tmp_path):
 
 
 def test_another_robot_is_planned_by_its_drives(tmp_path):
-    """Better than random poses, inside the limits, read back as planned, under payloads that its drives yield to."""
+    """Better than random poses, inside the limits, read back as planned, under payloads that deflect its drives."""
     robot = Robot.load(ROOT / "examples" / "robots" / "delta" / "robot.yaml")
     planner = Planner(
         robot, PlanRequest(poses=12, parameters=("drives",), loads_kg=(0.0, 1.5), candidates=300, starts=2)
@@ -64,8 +64,8 @@ def test_another_robot_is_planned_by_its_drives(tmp_path):
         Planner(robot, PlanRequest(drive_degC=(20.0, 100.0)))
 
 
-def test_legs_of_another_robot_grow_by_the_distance_of_their_joints(tmp_path):
-    """Which in a hexapod is no drive's value: that counts from the middle of its stroke."""
+def test_legs_of_another_robot_expand_by_the_distance_of_their_joints(tmp_path):
+    """In a hexapod that is no drive's value, which is zero in the middle of its stroke."""
     robot = Robot.load(ROOT / "examples" / "robots" / "hexapod" / "robot.yaml")
     planner = Planner(robot, PlanRequest(parameters=("drives",), drive_degC=(20.0, 70.0), candidates=100, starts=1))
     poses, visits = planner.poses[-4:], [PlannedConditions(drive_degC=20.0), PlannedConditions(drive_degC=70.0)]

@@ -89,7 +89,7 @@ def test_indices_by_hand():
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
-def test_undetermined_combinations_count_nothing(criterion):
+def test_undetermined_combinations_do_not_count(criterion):
     assert observability_index(np.array([2.0, 0.0]), criterion, 3) == 0.0
 
 
@@ -124,7 +124,7 @@ def test_covariance_keeps_digits_that_normal_equations_lose():
     assert covariance(rows)[1, 1] == pytest.approx(1e18, rel=1e-6)
 
 
-def test_telling_keeps_the_first_of_equals_and_drops_what_is_below_its_tolerance():
+def test_the_choice_of_independent_columns_keeps_the_first_of_equals_and_drops_small_ones():
     rows = np.random.default_rng(3).normal(size=(50, 5))
     rows[:, 2] = 2.0 * rows[:, 1] + 3.0 * rows[:, 0]  # a frame column and an earlier parameter
     rows[:, 4] *= 1e-3
@@ -148,7 +148,7 @@ def drawn_rows(seed):
 
 @functools.cache
 def of_all_plans(seed, nuisance, poses):
-    """Return the singular values of every plan of some poses: what all criteria are made of."""
+    """Return the singular values of every plan of some poses: all criteria follow from them."""
     rows = drawn_rows(seed)
     stacks = (rows[list(chosen)].reshape(-1, 5) for chosen in itertools.combinations(range(len(rows)), poses))
     return [projected_singular_values(stack, nuisance) for stack in stacks]
@@ -168,7 +168,7 @@ def test_exchange_reaches_the_best_of_all_plans(criterion, nuisance):
 
 
 def test_d_optimal_line_is_measured_at_its_ends():
-    # Classical: a straight line is known best from its two ends, half of the measurements at each.
+    # Classical: a straight line is best determined by its two ends, with half of the measurements at each.
     at = np.repeat(np.linspace(-1.0, 1.0, 11), 5)
     rows = np.stack([np.ones_like(at), at], axis=1)[:, None, :]
     chosen = choose(plain(rows), [0] * 10)
@@ -182,7 +182,7 @@ def test_exchange_does_not_depend_on_units():
     assert set(plans[0].tolist()) == set(plans[1].tolist())
 
 
-def test_kinds_take_their_slots_and_trade_places():
+def test_kinds_fill_their_slots_and_exchange_positions():
     random = np.random.default_rng(7)
     once = random.normal(size=(8, 4, 3))
     twice = once.copy()
@@ -205,21 +205,21 @@ def test_kinds_take_their_slots_and_trade_places():
     assert value(place[chosen[:2]], place[chosen[2:]]) == pytest.approx(best, rel=1e-12)
 
 
-def test_where_frames_do_all_that_is_asked_for_other_parameters_are_named(tmp_path):
-    """Of three slides at right angles, zeros and places of joints do what the frames do."""
+def test_where_frames_absorb_all_parameters_asked_for_others_are_named(tmp_path):
+    """For three slides at right angles, zeros and placements of joints are equivalent to frames."""
     robot = Robot.load(gantry_file(tmp_path))
     with pytest.raises(BadInputError, match=r"\(drive.x_slide, .* …\): the frames .*--parameters geometry"):
         Planner(robot, PlanRequest(reduce=True))
     assert Planner(robot, PlanRequest(parameters=("geometry",), reduce=True)).parameters
 
 
-def test_noise_that_hides_all_parameters_is_not_told_to_be_the_frames(robot):
-    """Of tolerances of tenths of a millimetre a tracker that errs by 30 mm shows nothing, and one of 0.05 mm 15."""
+def test_noise_that_hides_all_parameters_is_not_blamed_on_the_frames(robot):
+    """With tolerances of tenths of a millimetre a tracker of 30 mm shows nothing, and one of 0.05 mm shows 15."""
     with pytest.raises(BadInputError, match=r"20 poses show none .* by more than the noise.* less noise"):
         Planner(robot, PlanRequest(noise=NoiseLevel.stated(0.03, 0.03), poses=20, **SMALL))
 
 
-def test_exchange_refuses_what_it_cannot_choose_from():
+def test_exchange_refuses_candidates_it_cannot_choose_from():
     rows = np.random.default_rng(8).normal(size=(4, 3, 2))
     with pytest.raises(BadInputError, match="more candidates"):
         choose(plain(rows), [0] * 5)
@@ -240,7 +240,7 @@ def test_candidates_are_round_figures_inside_the_box(robot):
     assert shown == pytest.approx(np.round(shown), abs=1e-6)
 
 
-def test_figures_are_round_in_the_table_whatever_a_command_of_zero_is():
+def test_figures_in_the_table_are_round_whatever_the_command_at_zero():
     drive = Drive("q", "q", "rad", "angle", factor=-2.0, zero=0.3)
     axes = (CommandAxis(Quantity("q", "angle"), -1.6, 1.9, drive), CommandAxis(Quantity("s", "length"), 0.1, 0.7))
     poses = candidate_poses(axes, 200)
@@ -251,7 +251,7 @@ def test_figures_are_round_in_the_table_whatever_a_command_of_zero_is():
     assert axes[1].text(-1e-5) == "0.0"
 
 
-def test_plan_is_much_better_than_random_ones(planner, plan):
+def test_a_plan_is_much_better_than_random_ones(planner, plan):
     comparison = compare_with_random(planner, plan, 50)
     assert (comparison.ratios <= 0.70).all()
 
@@ -274,7 +274,7 @@ def test_same_seed_same_plan(robot, plan):
 def test_expected_spread_is_that_of_simulated_fits(planner, plan):
     random = np.random.default_rng(9)
     rows, _ = planner.measured(planner.columns, plan.poses, [PlannedConditions()])
-    frames = [k for k in range(12) if k != 7]  # the frames' shifts along y are one: see the module
+    frames = [k for k in range(12) if k != 7]  # the frames' shifts along y are confounded: see the module
     picked = rows[:, 0][..., [*frames, *range(12, rows.shape[-1])]].reshape(-1, rows.shape[-1] - 1)
     noise = random.normal(size=(len(picked), 4000))
     fitted = np.linalg.lstsq(picked, noise, rcond=None)[0]
@@ -287,7 +287,7 @@ def test_expected_spread_is_that_of_simulated_fits(planner, plan):
     assert moved.std(axis=-1) == pytest.approx(plan.quality.ladle_std[::97], rel=0.06)
 
 
-def test_more_noise_means_more_spread_in_proportion(robot, plan):
+def test_the_spread_is_proportional_to_the_noise(robot, plan):
     noisy = Planner(
         robot, PlanRequest(noise=NoiseLevel.stated(1e-4, 1e-4), parameters=tuple(p.name for p in plan.parameters))
     )
@@ -296,7 +296,7 @@ def test_more_noise_means_more_spread_in_proportion(robot, plan):
 
 
 def test_unit_of_names_and_columns(robot):
-    """Local columns are differences of exact closures, frames aside."""
+    """Local columns are differences of exact closures, without the frames."""
     planner = Planner(robot, PlanRequest(parameters=("drives",), **SMALL))
     poses = planner.poses[:3]
     rows, _ = planner.columns.measured(poses, [PlannedConditions()], NoiseLevel.stated(1.0, 1.0), np.zeros(3))
@@ -311,8 +311,8 @@ def test_unit_of_names_and_columns(robot):
         assert rows[:, 0, :3, 12 + k] == pytest.approx((moved[0] - moved[1]) / 2e-6, abs=1e-5)
 
 
-def test_compliance_columns_are_the_yielding_drives_of_the_closure(robot):
-    """With loops so stiff that they hardly open; what opens all the same, a rigid drive shows, and is taken off."""
+def test_compliance_columns_are_those_of_compliant_drives_in_the_closure(robot):
+    """With loops so stiff that they hardly open; their remaining deflection, that of a rigid drive, is subtracted."""
     planner = Planner(robot, PlanRequest(parameters=("drives",), loads_kg=(0.0, 100.0), **SMALL))
     pose, ladle, stiffness = planner.poses[[90]], robot.layout.ladle, 1e8
     conditions = PlannedConditions(1, 100.0 - ladle.tare.value)
@@ -346,8 +346,8 @@ def test_compliance_columns_are_the_yielding_drives_of_the_closure(robot):
 
 
 @pytest.mark.parametrize(("base", "end"), [("table", "tool"), ("bed", "table")])
-def test_compliance_columns_of_another_robot_are_those_of_its_weight_where_it_hangs(tmp_path, base, end):
-    """A mill in closed form: its links weigh, a payload hangs at its own frame and, on the ram, not on the table."""
+def test_compliance_columns_of_another_robot_are_those_of_its_weight_where_it_acts(tmp_path, base, end):
+    """A mill in closed form: its links have mass, and the payload hangs at its own frame, on the ram, not the table."""
     load, centre, hook, target = 50.0, np.array([0.0, 0.1, -0.2]), np.array([0.3, 0.25, 0.1]), np.array([0.1, 0.2, 0.3])
     mount = f'<joint name="hang" type="fixed"><parent link="{end}"/><child link="hook"/><origin xyz="0.3 0.25 0.1"/>'
     urdf = MILL.replace("</robot>", f'<link name="hook"/>{mount}</joint></robot>')
@@ -367,7 +367,7 @@ def test_compliance_columns_of_another_robot_are_those_of_its_weight_where_it_ha
     turn, x = Rotation.from_euler("x", tilt).as_matrix(), np.array([1.0, 0.0, 0.0])
 
     def rise(place):
-        return np.cross(x, turn @ place)[2]  # of a place on the table, by the tilt
+        return np.cross(x, turn @ place)[2]  # of a point on the table, by the tilt
 
     if end == "tool":
         seen = turn.T @ (np.array([0.4, 0.3, 0.2 + ram]) + target)  # from the trunnion, in axes of the table
@@ -405,8 +405,8 @@ def test_backlash_and_expansion_columns_follow_the_drives(robot):
         assert expansion[:, 1] == pytest.approx(50.0 * lengths[:, [k - 1]] * drive[:, 1])
 
 
-def test_legs_do_not_grow_at_the_temperature_of_the_drawing():
-    """Which the properties of its heat say, and the growth at another is what their steel does from there."""
+def test_legs_do_not_expand_at_the_temperature_of_the_drawing():
+    """The properties of its heat state that temperature, and the expansion at another one follows from their steel."""
     heat = HeatSection(properties={"expansion": {"reference_temperature": 30.0}})
     robot = PouringRobot.without_warning(RobotModel(heat=heat))
     planner = Planner(robot, PlanRequest(parameters=("drives",), drive_degC=(30.0, 70.0), **SMALL))
@@ -420,7 +420,7 @@ def test_legs_do_not_grow_at_the_temperature_of_the_drawing():
     assert found[:, 1] == pytest.approx(growth * column["drive.leg1_s3"][:, 1])
 
 
-def test_conditions_make_their_parameters_known(visited):
+def test_conditions_determine_their_parameters(visited):
     names = [p.name for p in visited.parameters]
     assert {"backlash.leg1_s3", "compliance.leg4_s5", "expansion.leg3_s3"} <= set(names)
     assert len(visited.poses) == 24
@@ -434,17 +434,17 @@ def test_conditions_make_their_parameters_known(visited):
     assert std["expansion.leg1_s3"] < 2e-6 and std["backlash.leg1_s3"] < 1e-4
 
 
-def test_a_pose_visited_from_both_sides_counts_once_whoever_asks(robot):
+def test_a_pose_visited_from_both_sides_counts_once_in_every_figure(robot):
     planner = Planner(robot, PlanRequest(poses=12, both_sides=5, **SMALL))
     plan = planner.plan()
     again = planner.quality(plan.poses, plan.conditions)
     assert (len(plan.poses), again.poses) == (17, 12)
     assert again.indices == pytest.approx(plan.quality.indices, rel=1e-9)
-    twice = planner.quality(np.tile(plan.poses, (2, 1)), plan.conditions * 2)  # as many again tell as much again
+    twice = planner.quality(np.tile(plan.poses, (2, 1)), plan.conditions * 2)  # twice the information
     assert twice.poses == 24 and twice.indices["O1"] == pytest.approx(plan.quality.indices["O1"], rel=1e-6)
 
 
-def test_priors_determine_everything_and_are_never_worse_than_themselves(robot):
+def test_priors_determine_everything_and_no_plan_is_worse_than_they_are(robot):
     tolerances = Tolerances.load()
     request = PlanRequest(poses=6, parameters=("geometry",), priors=tolerances, candidates=200, starts=1)
     plan = Planner(robot, request).plan()
@@ -454,7 +454,7 @@ def test_priors_determine_everything_and_are_never_worse_than_themselves(robot):
     assert np.any(plan.quality.parameter_std < 0.5 * prior)
 
 
-def test_positions_alone_are_worth_less(robot, plan):
+def test_positions_alone_give_less_information(robot, plan):
     names = tuple(p.name for p in plan.parameters if p.name != "leg1_seat_mount.tz")
     qualities = [
         Planner(robot, PlanRequest(parameters=names, noise=noise, reduce=True, **SMALL)).plan().quality
@@ -466,7 +466,7 @@ def test_positions_alone_are_worth_less(robot, plan):
 # --- bad input ---------------------------------------------------------------------------------------
 
 
-def test_names_the_combinations_that_nothing_determines(robot):
+def test_undetermined_combinations_are_named(robot):
     with pytest.raises(UndeterminedError) as caught:
         Planner(robot, PlanRequest(parameters=("leg1_s1.ty", "leg1_seat_mount.ty", "leg4_s1.ty"), **SMALL))
     error = caught.value
@@ -478,7 +478,7 @@ def test_names_the_combinations_that_nothing_determines(robot):
     Planner(robot, PlanRequest(parameters=tuple(rest), **SMALL))
 
 
-def test_of_frames_alone_no_parameter_is_to_be_left_out():
+def test_with_only_frames_asked_for_no_parameter_is_to_be_left_out():
     found = base_parameters(np.diag([0.0, 1.0]), ["frame", "leg1_s1.ty"], lead=["frame"])
     error = UndeterminedError("a plan", found, {"frame"})
     assert error.too_many == () and "leave out" not in str(error) and "plan more poses" in str(error)
@@ -490,7 +490,7 @@ def test_too_few_poses_are_refused(robot):
     assert "\n" not in str(caught.value) and "--reduce does so), or plan more poses" in str(caught.value)
 
 
-def test_no_option_is_advised_that_is_given_already(robot):
+def test_an_option_that_is_given_already_is_not_advised(robot):
     with pytest.raises(UndeterminedError, match="plan more poses") as caught:
         Planner(robot, PlanRequest(poses=5, reduce=True, **SMALL)).plan()
     assert "--reduce" not in str(caught.value)
@@ -517,12 +517,12 @@ def test_no_option_is_advised_that_is_given_already(robot):
         ({"seed": -1}, "seed"),
     ],
 )
-def test_figures_without_meaning_are_refused(figures, said):
+def test_meaningless_figures_are_refused(figures, said):
     with pytest.raises(BadInputError, match=said):
         PlanRequest(**figures)
 
 
-def test_figures_may_be_arrays_and_one_name_is_one_name():
+def test_figures_may_be_arrays_and_a_single_name_is_one_name():
     figures = {"loads_kg": np.array([0, 400]), "target_m": np.zeros(3), "parameters": "centres"}
     assert PlanRequest(**figures) == PlanRequest(loads_kg=(0.0, 400.0), parameters=("centres",))
 
@@ -562,18 +562,18 @@ def test_plan_file_is_what_simulate_reads(robot, visited, tmp_path):
     pd.testing.assert_frame_equal(from_file.to_frame(), at_once.to_frame())
 
 
-def test_the_picture_shows_commands_as_the_table_has_them(visited, monkeypatch):
+def test_the_plot_shows_commands_as_in_the_table(visited, monkeypatch):
     drawn = []
     monkeypatch.setattr("pouring_robot.design.result.png_of", lambda figure: drawn.append(figure) or b"")
     drive = Drive("x", "x", "m", "length", factor=-2.0, zero=1.0)
     plot(replace(visited, axes=(replace(visited.axes[0], drive=drive), *visited.axes[1:])))
     across = np.concatenate([points.get_offsets()[:, 0] for points in drawn[0].axes[0].collections])
     told = (visited.poses[:, 0] - 1.0) / -2.0 * 1e3
-    spread = 0.1 * np.ptp(told)  # poses of one place are drawn a little apart
+    spread = 0.1 * np.ptp(told)  # poses at one position are drawn slightly apart
     assert told.min() - spread <= across.min() <= across.max() <= told.max() + spread
 
 
-def test_picture_and_figures(robot, visited, tmp_path):
+def test_plot_and_figures(robot, visited, tmp_path):
     assert len(plot(visited)) > 20_000
     assert repr(visited) == f"<MeasurementPlan: {visited.headline}>"
     assert visited.to_frame().x_mm.tolist() == [row["x_mm"] for row in visited.rows()]
@@ -582,8 +582,8 @@ def test_picture_and_figures(robot, visited, tmp_path):
     assert {p["unit"] for p in figures["parameters"]} >= {"mm", "mrad", "µm/kN", "mrad/kNm", "1e-6/K"}
 
 
-def test_random_plans_that_tell_too_little_are_counted(tmp_path, capsys):
-    """Four poses at two temperatures: a random plan may well see one of them only, and no expansion."""
+def test_random_plans_that_determine_too_little_are_counted(tmp_path, capsys):
+    """Four poses at two temperatures: a random plan may well have one of them only, and no expansion."""
     command = ["campaign", "plan", "--out", str(tmp_path / "plan.csv"), "--poses", "4"]
     command += ["--parameters", "drives", "--temperatures", "20", "120", "--candidates", "100", "--starts", "1"]
     assert main(command) == 0
@@ -594,7 +594,7 @@ def test_random_plans_that_tell_too_little_are_counted(tmp_path, capsys):
     assert compared["median_rms_mm"] > 0.0
 
 
-def test_without_a_random_plan_that_tells_enough_there_is_no_median():
+def test_without_a_sufficient_random_plan_there_is_no_median():
     found = Comparison(np.ones(3), np.full((3, 3), np.inf)).figures()
     assert (found["undetermined"], found["median_rms_mm"], found["ratio_mrad"]) == (3, None, 0.0)
 
@@ -634,7 +634,7 @@ def test_more_poses_than_candidates_ask_for_more_candidates(tmp_path, capsys):
         ["--position-only", "--sigma-mrad", "3"],
     ],
 )
-def test_bad_input_is_one_line(arguments, tmp_path, capsys):
+def test_bad_input_is_reported_in_one_line(arguments, tmp_path, capsys):
     out = tmp_path / "plan.csv"
     assert main(["campaign", "plan", "--out", str(out), *arguments]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
