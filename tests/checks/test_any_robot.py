@@ -1,4 +1,4 @@
-"""Checks on robots for which they were not written: sound data pass, planted damage is named, real data pass."""
+"""Checks of robots they were not written for: sound data pass, planted damage is found, real data raise no alarm."""
 
 import dataclasses
 import warnings
@@ -28,7 +28,7 @@ DEG = np.pi / 180.0
 
 
 class Machine:
-    """A robot whose drives stand a little beside their commands, seen by a tracker."""
+    """A robot whose drives are slightly off their commands, seen by a tracker."""
 
     def __init__(self, path, count=120, seed=2):
         random = np.random.default_rng(seed)
@@ -86,19 +86,19 @@ def test_sound_data_pass(machine, full):
     assert check_campaign(campaign, machine.drawing) == []
 
 
-def test_turns_that_errors_alone_make_tell_no_unit():
-    """A delta's platform is drawn not to turn; its rods' errors tip it, by less in any smaller unit."""
+def test_rotations_that_only_errors_cause_determine_no_unit():
+    """A nominal delta platform does not rotate; errors of its rods tilt it, by less in any smaller unit."""
     delta = Machine(EXAMPLES / "robots" / "delta" / "robot.yaml")
     place = delta.campaign.position_m - delta.campaign.position_m.mean(axis=0)
-    tip = rotation_matrices(np.cross([0.0, 0.015, 0.02], place))  # 25 mrad a metre
+    tip = rotation_matrices(np.cross([0.0, 0.015, 0.02], place))  # 25 mrad per metre
     vectors = rotation_vectors(tip @ rotation_matrices(delta.campaign.rotation_vector_rad))
     assert not codes(check_campaign(damaged(delta.campaign, rotation_vector_rad=vectors), delta.drawing))
 
 
 @pytest.mark.parametrize("machine", ["arm"], indirect=True)
 @pytest.mark.parametrize(("full", "fits"), [(True, 3), (False, 1)])
-def test_the_frames_of_sound_data_are_fitted_once_a_question(machine, full, fits, monkeypatch):
-    """To positions alone, to judge rotations, and to both; without rotations that is one."""
+def test_the_frames_of_sound_data_are_fitted_once_for_each_question(machine, full, fits, monkeypatch):
+    """To positions alone, to judge rotations, and to both; without rotations there is one fit."""
     asked = []
     fitted = lambda *given, **how: asked.append(given) or fit_frames(*given, **how)  # noqa: E731
     monkeypatch.setattr("pouring_robot.checks.units_and_axes.fit_frames", fitted)
@@ -112,7 +112,7 @@ def test_the_frames_of_sound_data_are_fitted_once_a_question(machine, full, fits
 
 
 @pytest.mark.parametrize("full", [True, False])
-def test_outliers_are_found_and_no_sound_row(machine, full):
+def test_all_outliers_and_no_sound_row_are_found(machine, full):
     campaign = machine.campaign if full else damaged(machine.campaign, rotation_vector_rad=None)
     position = np.array(campaign.position_m)
     position[[3, 50, 77]] += 0.01
@@ -120,8 +120,8 @@ def test_outliers_are_found_and_no_sound_row(machine, full):
     assert wrong_rows(flags).tolist() == [3, 50, 77]
 
 
-def test_copies_of_rows_of_a_short_campaign_are_no_rows_of_a_step():
-    """So few rows tell a constant only, which would be known of copies, too: they command nothing."""
+def test_duplicates_of_rows_of_a_short_campaign_are_not_taken_for_a_step():
+    """So few rows determine a constant only, which duplicates would have, too; but they command no motion."""
     arm = Machine(EXAMPLES / "robots" / "arm" / "robot.yaml", count=32)
     twice = arm.campaign.subset(np.repeat(np.arange(32), 2))
     with warnings.catch_warnings(action="error"):
@@ -146,7 +146,7 @@ def test_up_to_a_third_of_the_rows_may_hold_another_row_s_measurement(machine, c
 
 @pytest.mark.parametrize("full", [True, False])
 @pytest.mark.parametrize("off_m", [3e-3, 0.2])
-def test_a_gross_error_along_which_no_drive_moves_is_found(full, off_m):
+def test_a_gross_error_in_a_direction_that_no_drive_moves_is_found(full, off_m):
     flat = Machine(EXAMPLES / "robots" / "five_bar" / "robot.yaml")
     position = flat.campaign.position_m.copy()
     position[17] += off_m * TRUE_FRAMES.T_tracker_base.rotation[:, 2]
@@ -157,7 +157,7 @@ def test_a_gross_error_along_which_no_drive_moves_is_found(full, off_m):
 
 @pytest.mark.parametrize("right", [0.5, 0.54])
 def test_rows_that_are_wrong_from_the_middle_on_do_not_hide_each_other(gantry, right):
-    """From there on each row holds the measurement of the row before it."""
+    """From there on each row has the measurement of the row before it."""
     rows = np.arange(len(gantry.campaign))
     late = np.where(rows < right * len(rows), rows, rows - 1)
     turns = gantry.campaign.rotation_vector_rad[late]
@@ -166,7 +166,7 @@ def test_rows_that_are_wrong_from_the_middle_on_do_not_hide_each_other(gantry, r
 
 
 @pytest.mark.parametrize("column", [0, 1, 2])
-def test_a_column_that_hung_is_no_jump(machine, column):
+def test_a_stuck_column_is_no_jump(machine, column):
     position = np.array(machine.campaign.position_m)
     far = np.abs(position[60:76, column] - position[60, column]) > 0.05 * np.ptp(position[:, column])
     position[60:76, column] = position[60, column]
@@ -176,8 +176,8 @@ def test_a_column_that_hung_is_no_jump(machine, column):
 
 
 @pytest.mark.parametrize(("scatter_rad", "severity"), [(0.12, Severity.WARNING), (0.5, Severity.ERROR)])
-def test_a_wrist_that_is_degrees_off_and_follows_its_commands_is_not_refused(scatter_rad, severity):
-    """The wrist of a surgical robot that ropes drive was off by 7 deg, of 60 that it turned to either side."""
+def test_a_wrist_that_is_degrees_off_but_follows_its_commands_is_not_refused(scatter_rad, severity):
+    """The wrist of a cable-driven surgical robot was off by 7 deg in a range of 60 deg to either side."""
     arm, random = Machine(EXAMPLES / "robots" / "arm" / "robot.yaml"), np.random.default_rng(4)
     turned = rotation_matrices(scatter_rad * random.normal(size=(120, 3)))
     seen = rotation_vectors(turned @ rotation_matrices(arm.campaign.rotation_vector_rad))
@@ -187,7 +187,7 @@ def test_a_wrist_that_is_degrees_off_and_follows_its_commands_is_not_refused(sca
 
 
 def elsewhere(campaign, rows, shift_m, turn_rad):
-    """Return a campaign in which the tracker stood elsewhere in some rows."""
+    """Return a campaign in which the tracker had another position in some rows."""
     position, turned = np.array(campaign.position_m), rotation_matrices(np.array(campaign.rotation_vector_rad))
     back = pin.exp3(np.array(turn_rad))
     position[rows] = position[rows] @ back.T + shift_m
@@ -223,8 +223,8 @@ def test_an_error_that_grows_over_half_of_the_workspace_makes_no_outliers(machin
     assert wrong_rows(flags).size == 0
 
 
-def test_what_bends_with_the_place_is_no_noise(machine):
-    """Guides that bow, skew to the tracker: a product of two coordinates that shows in all components."""
+def test_bending_with_the_position_is_not_reported_as_noise(machine):
+    """Bent guides, skew to the tracker: a product of two coordinates that shows in all components."""
     position = np.array(machine.campaign.position_m)
     x = (position - position.mean(axis=0)) / position.std(axis=0)
     position += 12.0 * SIGMA * (x[:, :1] * x[:, 1:2])
@@ -235,21 +235,21 @@ def test_what_bends_with_the_place_is_no_noise(machine):
 
 
 @pytest.mark.parametrize("machine", ["arm", "hexapod"], indirect=True)
-def test_what_goes_by_a_drive_s_own_place_is_no_noise(machine):
-    """A gear that turns too far, an encoder off centre, or a screw that errs with every turn, in one drive."""
+def test_an_error_that_depends_on_a_drives_own_position_is_not_reported_as_noise(machine):
+    """A wrong gear ratio, an eccentric encoder, or a screw with an error once per turn, in one drive."""
     campaign, drives = machine.campaign, machine.campaign.drives
     turn = 0.01 if campaign.robot.drives[0].unit == "m" else 2.0 * np.pi
     metadata = campaign.metadata.model_copy(update={"screw_pitch_m": 0.01})
     for k in range(drives.shape[1]):
         for off in (1e-3 * drives[:, k], 3e-4 * np.sin(2.0 * np.pi * drives[:, k] / turn)):
-            # The robot went to the table's commands, of which the table tells what the drive's error leaves.
+            # The robot was at these drives; the table holds them less the drive's error.
             told = damaged(campaign, drives=drives - off[:, None] * np.eye(drives.shape[1])[k], metadata=metadata)
             assert "noise_too_small" not in codes(check_campaign(told, machine.drawing))
 
 
 @pytest.mark.parametrize("machine", ["arm"], indirect=True)
-def test_links_that_grow_when_warm_are_no_noise(machine):
-    """Upper arm and forearm of aluminium; where they point is written down by hand."""
+def test_thermal_expansion_of_links_is_not_reported_as_noise(machine):
+    """Upper arm and forearm of aluminium; their directions are computed by hand."""
     campaign, random = machine.campaign, np.random.default_rng(0)
     turn, upper, fore = campaign.drives[:, 0], campaign.drives[:, 1], campaign.drives[:, 1:3].sum(axis=1)
     along = np.array(
@@ -267,7 +267,7 @@ def test_links_that_grow_when_warm_are_no_noise(machine):
     assert "noise_too_small" in codes(check_campaign(without, machine.drawing))
 
 
-def test_a_tracker_that_stands_elsewhere_in_each_session_is_no_noise(machine):
+def test_another_tracker_position_in_each_session_is_not_reported_as_noise(machine):
     sessions = np.arange(len(machine.campaign)) // 20
     moved = 8.0 * SIGMA * np.random.default_rng(0).normal(size=(sessions[-1] + 1, 3))
     position = machine.campaign.position_m + moved[sessions]
@@ -283,8 +283,8 @@ def test_a_tracker_that_stands_elsewhere_in_each_session_is_no_noise(machine):
     ("factor", "wrong"),
     [(1.0, ""), (1e-3, "metres under a heading in milli"), (1e3, "millimetres under"), (1.0 / 25.4, "inches under")],
 )
-def test_the_unit_of_distances_is_told_by_how_far_drives_move_the_target(machine, factor, wrong):
-    """The tracker's own origin is the fixed point: how far the target was from it, its places tell."""
+def test_the_unit_of_distances_is_found_from_how_far_drives_move_the_target(machine, factor, wrong):
+    """The tracker's own origin is the fixed point; the positions give the target's distance from it."""
     away = np.linalg.norm(machine.campaign.position_m, axis=1)[:, None]
     wire = damaged(machine.campaign, position_m=np.nan * machine.campaign.position_m, rotation_vector_rad=None)
     told = check_campaign(damaged(wire, distance_m=factor * away), machine.drawing)
@@ -294,8 +294,8 @@ def test_the_unit_of_distances_is_told_by_how_far_drives_move_the_target(machine
 
 @pytest.mark.parametrize("machine", ["arm", "delta", "hexapod"], indirect=True)
 @pytest.mark.parametrize("short_mm", [300.0, -300.0, 0.0])
-def test_a_draw_wire_that_counts_from_elsewhere_is_told(machine, short_mm):
-    """The tracker's own origin is where it hangs; a device that is out by a thousandth of what it reads is none."""
+def test_a_draw_wire_with_an_offset_is_found(machine, short_mm):
+    """It hangs at the tracker's own origin; a device with an error of a thousandth of its reading has no offset."""
     away = np.linalg.norm(machine.campaign.position_m, axis=1)[:, None]
     read = away - 1e-3 * short_mm if short_mm else 1.001 * away
     wire = damaged(machine.campaign, position_m=np.nan * machine.campaign.position_m, rotation_vector_rad=None)
@@ -306,8 +306,8 @@ def test_a_draw_wire_that_counts_from_elsewhere_is_told(machine, short_mm):
 
 
 @pytest.mark.parametrize("machine", ["arm"], indirect=True)
-def test_distances_of_nothing_are_told(machine):
-    """Of a draw wire that was set to zero in the first pose."""
+def test_distances_of_zero_are_reported(machine):
+    """As of a draw wire that was set to zero in the first pose."""
     length = np.linalg.norm(machine.campaign.position_m, axis=1)[:, None]
     wire = damaged(machine.campaign, position_m=np.nan * machine.campaign.position_m, rotation_vector_rad=None)
     assert "no_length" not in codes(check_campaign(damaged(wire, distance_m=length), machine.drawing))
@@ -335,7 +335,7 @@ def test_planted_damage_is_named_and_nothing_else(machine, code):
     delta = machine.campaign.robot.name == "delta"
     flags = check_campaign(DAMAGES[code](machine.campaign), machine.drawing)
     if delta and code == "frames_swapped":
-        # Of what only shifts, the inverse is the mirror image; so is that of three arms with two exchanged.
+        # For pure translations the inverse is the mirror image; so is an exchange of two of three arms.
         assert codes(flags) <= {"frames_swapped", "drives_exchanged", "mirrored_axes"}
         assert "seem to be inverse" in flags[0].message
         assert "equally possible" in flags[0].message
@@ -355,8 +355,8 @@ def test_units_of_all_drives(machine):
 
 @pytest.mark.parametrize("machine", ["arm", "delta", "five_bar"], indirect=True)
 @pytest.mark.parametrize("turn", [-90, 180, -180])
-def test_turning_drives_that_count_from_another_zero(machine, turn):
-    """As of two tables of links that put the zero of a joint a quarter turn apart."""
+def test_revolute_drives_with_another_zero_are_found(machine, turn):
+    """As of two link tables with zeros of a joint a quarter turn apart."""
     robot, at = machine.campaign.robot, 1
     counted = damaged(
         machine.campaign, drives=machine.campaign.drives - np.radians(turn) * np.eye(len(robot.drives))[at]
@@ -368,19 +368,19 @@ def test_turning_drives_that_count_from_another_zero(machine, turn):
 
 @pytest.mark.parametrize("machine", ["arm"], indirect=True)
 @pytest.mark.parametrize("full", [True, False])
-def test_an_elbow_that_counts_from_a_fixed_direction_is_told(machine, full):
-    """As the third joint of Fanuc's arms, or one that rods hold: how the forearm stands, not how far it is bent."""
+def test_an_elbow_whose_angle_is_absolute_is_found(machine, full):
+    """As for the third joint of Fanuc arms, or one driven by rods: the forearm's direction, not the elbow's angle."""
     counted = damaged(machine.campaign, drives=machine.campaign.drives + machine.campaign.drives[:, 1:2] * np.eye(6)[2])
     counted = counted if full else damaged(counted, rotation_vector_rad=None)
     flag, *beside = check_campaign(counted, machine.drawing)
     assert (flag.code, flag.columns) == ("drive_absolute", ("q3_rad",))
     assert flag.message.endswith("the joint itself turns by 'q3' minus 'q2'")
-    assert not beside  # what no joint could take is none of that once the joint is known
+    assert not beside  # with that joint known, its values are not out of reach
 
 
 @pytest.mark.parametrize("machine", ["arm"], indirect=True)
-def test_an_encoder_that_wraps_is_told(machine):
-    """A joint that is counted from 0° to 360° stands a turn beyond its limits in half of the rows."""
+def test_an_encoder_that_wraps_is_found(machine):
+    """A joint that counts from 0° to 360° is a turn beyond its limits in half of the rows."""
     wound = (
         np.where(machine.campaign.drives[:, 1:2] < 0.0, 2.0 * np.pi, 0.0)
         * np.eye(len(machine.campaign.robot.drives))[1]
@@ -392,8 +392,8 @@ def test_an_encoder_that_wraps_is_told(machine):
 
 
 @pytest.mark.parametrize("machine", ["arm"], indirect=True)
-def test_of_drives_beyond_their_limits_it_is_said_which_and_how_far(machine):
-    """A real arm stood 36 deg beyond what its URDF says of the wrist."""
+def test_drives_beyond_their_limits_are_reported_with_the_excess(machine):
+    """A real arm was 36 deg beyond the wrist limit in its URDF."""
     far = np.array(machine.campaign.drives)
     far[[4, 9], 2] = machine.drawing.mechanism.joint_limits()["joint3"][1] + np.array([0.1, 0.2])
     flag, *_ = check_campaign(damaged(machine.campaign, drives=far), machine.drawing)
@@ -403,8 +403,8 @@ def test_of_drives_beyond_their_limits_it_is_said_which_and_how_far(machine):
 
 
 @pytest.mark.parametrize("turned", [False, True])
-def test_a_slide_that_is_counted_from_its_other_end_is_told_so(gantry, turned):
-    """Of a gantry each of its slides makes the same mirror image, and so do the device's axes, which are said last."""
+def test_a_slide_that_counts_from_its_other_end_is_reported_as_that(gantry, turned):
+    """For a gantry each of its slides makes the same mirror image, as do the device's axes, which are named last."""
     limits, drives = gantry.drawing.mechanism.joint_limits(), gantry.campaign.robot.drives
     low, high = limits[drives[1].joint]
     counted = damaged(gantry.campaign, drives=lambda v: np.column_stack([v[:, 0], low + high - v[:, 1], v[:, 2]]))
@@ -420,8 +420,8 @@ def test_a_slide_that_is_counted_from_its_other_end_is_told_so(gantry, turned):
     assert flag.message.index("left-handed") > flag.message.rindex("slide (")
 
 
-def test_of_equal_mistakes_none_takes_drives_beyond_their_limits(gantry):
-    """Of three slides at right angles any exchange or sign is a change of frames; where they can go tells."""
+def test_of_equivalent_mistakes_none_takes_drives_beyond_their_limits(gantry):
+    """For three slides at right angles any exchange or sign is a change of frames; their limits decide."""
     exchanged = damaged(gantry.campaign, drives=gantry.campaign.drives[:, [1, 0, 2]])
     flags = check_campaign(exchanged, gantry.drawing)
     assert flags[0].code == "drives_exchanged"
@@ -429,7 +429,7 @@ def test_of_equal_mistakes_none_takes_drives_beyond_their_limits(gantry):
     assert "equally possible" not in flags[0].message
 
 
-def test_exchanged_drives_of_many(machine):
+def test_two_exchanged_drives_of_many(machine):
     drives = machine.campaign.robot.drives
     if len(drives) < 6:
         pytest.skip("all orders of few drives are tried; those of the pouring robot are tested")
@@ -445,7 +445,7 @@ def test_mirrored_axes(machine, full):
     mirrored = mirrored if full else damaged(mirrored, rotation_vector_rad=None)
     flags = check_campaign(mirrored, machine.drawing)
     if machine.campaign.robot.name == "five_bar":
-        # The mirror image of a plane is the plane seen from behind; turns are then the other way.
+        # The mirror image of a plane is the plane seen from behind; rotations are then reversed.
         assert [flag.code for flag in flags] == ["mirrored_axes"] * full
     else:
         (flag,) = flags
@@ -466,7 +466,7 @@ learned: {{by_hand: {{sessions: {{"1": 1}}, mean_span_m: [0, 0, 0, 0, 0, 0], ref
 
 @pytest.fixture(scope="module")
 def sagging(tmp_path_factory):
-    """A campaign of an arm that bends under its own weight."""
+    """A campaign of an arm that deflects under its own weight."""
     folder, file = tmp_path_factory.mktemp("sagging"), EXAMPLES / "robots" / "arm" / "robot.yaml"
     model, table = folder / "sagging.yaml", folder / "c.csv"
     model.write_text(SAGGING.format(robot=file))
@@ -475,7 +475,7 @@ def sagging(tmp_path_factory):
 
 
 @pytest.mark.parametrize(("stated_mm", "too_small"), [(0.05, False), (0.015, True)])
-def test_sag_under_its_own_weight_is_no_noise(sagging, stated_mm, too_small):
+def test_sag_under_its_own_weight_is_not_reported_as_noise(sagging, stated_mm, too_small):
     sigmas = {"sigma_position_m": 1e-3 * stated_mm, "sigma_rotation_rad": 1e-3 * stated_mm}
     campaign = dataclasses.replace(sagging, metadata=sagging.metadata.model_copy(update=sigmas))
     flags = check_campaign(campaign, sagging.robot.drawing())
@@ -489,13 +489,13 @@ def ur10():
 
 
 @pytest.mark.parametrize("series", ["a", "c"])
-def test_a_real_arm_is_not_accused(ur10, series):
+def test_a_real_arm_raises_no_alarm(ur10, series):
     robot, drawing = ur10
     campaign = Campaign.read(EXAMPLES / "machines" / "ur10" / f"series_{series}.csv", robot)
     found = examine(campaign, drawing)
     assert codes(found.flags) <= {"ignored_columns", "no_temperatures", "no_noise_level"}
     if series == "c":
-        # Frames alone leave 0.99 mm rms of the distance, by an independent fit.
+        # The frames alone leave a distance of 0.99 mm rms, by an independent fit.
         distance = np.linalg.norm(found.fit.position_residual_m, axis=1)
         assert np.sqrt(np.mean(distance**2)) == pytest.approx(0.99e-3, abs=0.02e-3)
 
@@ -512,7 +512,7 @@ def test_wrong_rows_among_real_ones_are_found(ur10):
 
 @pytest.mark.parametrize("zero", [0.0, 273.15])
 @pytest.mark.parametrize("parts", [("slides",), ("base", "slides")])
-def test_kelvin_is_told_where_nobody_says_how_warm_the_hall_is(gantry, zero, parts):
+def test_kelvin_is_detected_without_a_hall_temperature(gantry, zero, parts):
     """Parts begin as cold as a hall; in kelvin all of them would be at 290 °C."""
     warm = 18.0 + np.linspace(0.0, 20.0, len(gantry.campaign))
     readings = {name: zero + 0.5 * k + warm for k, name in enumerate(parts)}
@@ -522,7 +522,7 @@ def test_kelvin_is_told_where_nobody_says_how_warm_the_hall_is(gantry, zero, par
 
 
 def test_a_payload_hangs_where_the_robot_file_says(machine):
-    """As for the causes of a diagnosis: where a ladle's mass is counts for the robot that has one."""
+    """As in a diagnosis: the centre of mass of a ladle counts only for the robot that has one."""
     rows, campaign = np.arange(5), machine.campaign
     metadata = campaign.metadata.model_copy(update={"ladle_centre_of_mass_m": (0.3, 0.2, -0.5)})
     stated = damaged(campaign, metadata=metadata)
@@ -532,7 +532,7 @@ def test_a_payload_hangs_where_the_robot_file_says(machine):
 
 @pytest.mark.parametrize(("poses", "told"), [(4, False), (15, True)])
 def test_a_step_needs_ten_poses_on_either_side_however_often_each_was_read(poses, told):
-    """Of a real arm each pose was read three times; the last few, of like errors, counted as a shift of the tracker."""
+    """Each pose of a real arm was read three times; the last few, with equal errors, counted as a moved tracker."""
     once, random = Machine(EXAMPLES / "robots" / "arm" / "robot.yaml", count=90).campaign, np.random.default_rng(5)
     shift = np.where(np.arange(90) >= 90 - poses, 6e-4, 0.0)[:, None]
     place = np.repeat(once.position_m + shift, 3, axis=0) + 1e-6 * random.normal(size=(270, 3))
@@ -541,8 +541,8 @@ def test_a_step_needs_ten_poses_on_either_side_however_often_each_was_read(poses
 
 
 @pytest.mark.parametrize(("digit_mm", "copied", "told"), [(1e-3, 0, False), (1e-6, 0, False), (1e-6, 5, True)])
-def test_readings_of_few_digits_that_are_alike_are_no_copies(digit_mm, copied, told):
-    """A tracker of 1 um noise whose program writes whole micrometres, each pose read three times."""
+def test_equal_readings_of_few_digits_are_no_duplicates(digit_mm, copied, told):
+    """A tracker with 1 um of noise whose program writes whole micrometres, each pose read three times."""
     once, random = Machine(EXAMPLES / "robots" / "arm" / "robot.yaml", count=90).campaign, np.random.default_rng(5)
     place = np.repeat(once.position_m, 3, axis=0) + 1e-6 * random.normal(size=(270, 3))
     place = np.round(place / (1e-3 * digit_mm)) * (1e-3 * digit_mm)
@@ -554,8 +554,8 @@ def test_readings_of_few_digits_that_are_alike_are_no_copies(digit_mm, copied, t
 
 
 @pytest.mark.parametrize(("beside", "grave"), [(False, False), (True, True)])
-def test_a_plane_that_was_touched_is_no_column_that_hung(machine, beside, grave):
-    """A probe on a print bed: z is 0 in all rows and nothing else is measured; beside other coordinates it hung."""
+def test_a_touched_plane_is_no_stuck_column(machine, beside, grave):
+    """A probe on a print bed: z is 0 in all rows and nothing else is measured; with other coordinates it is stuck."""
     touched = np.full_like(machine.campaign.position_m, np.nan)
     touched[:, 2] = 0.0
     touched[:, 0] = machine.campaign.position_m[:, 0] if beside else np.nan

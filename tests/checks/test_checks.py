@@ -83,7 +83,7 @@ def told_of_one_place(campaign):
 
 
 def mounted_anew(campaign):
-    """Return a campaign of three set-ups in the second of which the target sits elsewhere on the robot."""
+    """Return a campaign of three set-ups; in the second the target is at another place on the robot."""
     campaign = moved(campaign, 1)
     rows = np.array(campaign.sessions) == "b"
     position, seen = np.array(campaign.position_m), Rotation.from_rotvec(np.array(campaign.rotation_vector_rad))
@@ -97,7 +97,7 @@ DAMAGES = {
         changed("truss_travel", lambda v: v * 1e3),
         changed("truss_travel", lambda v: np.linspace(0.0, 7500.0, len(v))),  # a longer rail than the drawing's
         changed("payload", lambda v: v / 1e3),
-        changed("payload", lambda v: np.minimum(v * 1e3, 1e4)),  # as far as a file may say
+        changed("payload", lambda v: np.minimum(v * 1e3, 1e4)),  # as far as a file may state
         changed("time", lambda v: v / 60.0),
         changed("time", lambda v: v / 3600.0),
         changed("ambient", lambda v: v * 1.8 + 32.0),
@@ -139,7 +139,7 @@ DAMAGES = {
     ],
     "drive_reversed": [
         lambda c: damaged(c, drives=scaled([3], -1.0)),
-        lambda c: damaged(c, drives=scaled([0], -1.0)),  # it closes as well, with the leg turned round
+        lambda c: damaged(c, drives=scaled([0], -1.0)),  # it closes as well, with the leg reversed
         lambda c: damaged(c, drives=scaled([0, 1], -1.0)),
     ],
     "drive_zero": [lambda c: damaged(c, drives=lambda v: v - [0.0, 0.0, 0.0, np.pi / 2.0])],
@@ -233,9 +233,9 @@ DAMAGES = {
         lambda c: damaged(c, position_m=lambda v: v + np.where(np.arange(len(v)) >= 35, 0.01, 0.0)[:, None]),
     ],
 }
-# What follows from the damage besides what is looked for.
+# Consequences of the damage besides the expected finding.
 BESIDES = {
-    "no_length": {"no_noise_level"},  # of distances none is stated
+    "no_length": {"no_noise_level"},  # none is stated for distances
     "distance_unit": {"no_noise_level"},
     "distance_zero": {"no_noise_level"},
     "time_not_increasing": {"stuck_column"},
@@ -246,7 +246,7 @@ BESIDES = {
 }
 
 
-# The checks go by the drawing, which the robot as built misses by millimetres: there all damages must still be told.
+# The checks use the drawing, which the actual robot misses by millimetres: all damages must still be found.
 @pytest.mark.parametrize(
     ("measured", "code", "index"),
     [("real", code, i) for code, made in DAMAGES.items() for i in range(len(made))]
@@ -267,8 +267,8 @@ def test_finds_the_planted_damage_and_nothing_else(request, drawing, measured, c
 
 @pytest.mark.parametrize("degrees", [False, True])
 @pytest.mark.parametrize("order", ["xyz", "XYZ", "ZYX", "ZYZ"])
-def test_euler_angles_are_told_with_what_converts_them(clean, drawing, order, degrees):
-    """They are made by products of single turns, and what the finding says is done with them."""
+def test_euler_angles_are_reported_with_the_conversion(clean, drawing, order, degrees):
+    """They are computed as products of single rotations and checked against the conversion that the finding names."""
     turns = Rotation.from_rotvec(np.array(clean.campaign.rotation_vector_rad))
     angles = turns.as_euler(order)
     product = np.eye(3)
@@ -284,7 +284,7 @@ def test_euler_angles_are_told_with_what_converts_them(clean, drawing, order, de
 
 
 def test_every_code_has_a_planted_damage():
-    # An elbow that counts from a fixed direction is planted where there is one.
+    # An absolute elbow angle is planted where there is an elbow.
     assert {*DAMAGES, "drive_absolute"} == {str(code) for code in FlagCode}
 
 
@@ -294,7 +294,7 @@ def test_is_silent_on_sound_data(request, drawing, name):
 
 
 def test_a_rail_may_begin_far_from_zero(clean, drawing, monkeypatch):
-    """Of a short one that counts from the end of a long hall, values between its ends are sound, and mm still told."""
+    """For a short rail counted from the end of a long hall, values in its range are sound, and mm are still found."""
     limits = drawing.kinematics.mechanism.joint_limits() | {"truss_travel": (100.0, 103.0)}
     monkeypatch.setattr(type(drawing.kinematics.mechanism), "joint_limits", lambda _: limits)
     along = np.linspace(100.0, 103.0, len(clean.campaign))
@@ -304,7 +304,7 @@ def test_a_rail_may_begin_far_from_zero(clean, drawing, monkeypatch):
 
 
 @pytest.mark.parametrize(("filled", "severity"), [(0, "error"), (5, "error"), (12, "warning")])
-def test_rows_that_lack_a_command_are_to_be_filled_in_and_not_measured_anew(clean, filled, severity):
+def test_rows_without_a_command_are_to_be_filled_in_and_not_measured_again(clean, filled, severity):
     told = {f.code: f for f in check_columns(damaged(clean.campaign, drives=set_rows(slice(filled, None), 0, np.nan)))}
     few = told["too_few_rows"]
     assert (few.severity, few.message.startswith(f"{filled} rows can be used")) == (severity, True)
@@ -315,8 +315,8 @@ def test_rows_that_lack_a_command_are_to_be_filled_in_and_not_measured_anew(clea
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_few_thermometers_are_checked_for_themselves(clean, drawing, count):
-    """No others say when such a part is cold; what is beyond any hall is told all the same."""
+def test_few_thermometers_are_checked_individually(clean, drawing, count):
+    """No others show when such a part is cold; what is beyond any hall's temperature is still reported."""
     left_out = dict.fromkeys(clean.campaign.robot.thermometers[count:])
     assert check_campaign(damaged(clean.campaign, **left_out), drawing.kinematics) == []
     swapped = damaged(clean.campaign, **left_out, ambient=lambda v: v + 273.15)
@@ -324,7 +324,7 @@ def test_few_thermometers_are_checked_for_themselves(clean, drawing, count):
 
 
 @pytest.mark.parametrize("name", ["crooked", "very_crooked"])
-def test_hardly_cries_wolf_on_very_inaccurate_robots(request, name):
+def test_false_alarms_are_rare_on_very_inaccurate_robots(request, name):
     # Axes off by 2 and 4 mrad move the ladle by up to 40 mm, most where the mechanism is weak.
     robot = request.getfixturevalue(name)
     full = [measure(robot, count=80, seed=seed, lost=0.02).campaign for seed in (8, 9, 10)]
@@ -340,14 +340,14 @@ def test_finds_all_outliers_and_no_sound_row(as_built, seed, full):
     options = {"outliers": 6, "outlier_m": 0.01, "lost": 0.02, "sigma_rotation_rad": 5e-5 if full else None}
     measured = measure(as_built, count=100, seed=100 + seed, **options)
     found = wrong_rows(check_campaign(measured.campaign, as_built.kinematics))
-    # A lost cell may hide the one coordinate that is wrong.
+    # A missing cell may be the one coordinate that is wrong.
     whole = [row for row in measured.outlier_rows if np.isfinite(measured.campaign.position_m[row]).all()]
     assert set(found.tolist()) <= set(measured.outlier_rows)
     assert set(whole) <= set(found.tolist())
 
 
 def test_a_row_that_errors_of_joints_explain_is_no_outlier():
-    # Near the edge of reach axes that are off move the ladle by 17 mm, and by 1 to 12 mm in the rows around.
+    # Near the limit of reach, tilted axes move the ladle by 17 mm, and by 1 to 12 mm in the rows around it.
     campaign, drawing = sound(233)
     assert check_campaign(campaign, drawing) == []
     far = np.array(campaign.position_m)
@@ -355,10 +355,10 @@ def test_a_row_that_errors_of_joints_explain_is_no_outlier():
     assert wrong_rows(check_campaign(dataclasses.replace(campaign, position_m=far), drawing)).tolist() == [40]
 
 
-def test_outliers_stand_out_beside_errors_that_no_joint_explains(as_built):
+def test_outliers_stand_out_among_errors_that_no_joint_explains(as_built):
     measured = measure(as_built, count=160, seed=3, outliers=3, outlier_m=0.008)
     drives = np.array(measured.campaign.drives)
-    drives[:, 2] += 3e-3 * np.sin(2.0 * np.pi * drives[:, 2] / 0.01)  # a spindle that staggers
+    drives[:, 2] += 3e-3 * np.sin(2.0 * np.pi * drives[:, 2] / 0.01)  # a screw with a periodic error
     found = wrong_rows(check_campaign(damaged(measured.campaign, drives=drives), as_built.kinematics))
     assert set(found.tolist()) == set(measured.outlier_rows)
 
@@ -392,14 +392,14 @@ def test_finds_where_the_tracker_was_moved(as_built, place):
 @pytest.mark.parametrize(
     ("wrong", "code"), [(np.arange(24) >= 12, "measurement_jump"), (np.arange(24) == 7, "outlier")]
 )
-def test_of_too_few_rows_to_tell_errors_of_joints_jumps_and_gross_errors_are_told(drawing, wrong, code):
-    """Joints have more errors than a quarter of 72 figures, and would explain either."""
+def test_jumps_and_gross_errors_are_found_in_rows_too_few_for_errors_of_joints(drawing, wrong, code):
+    """Joints have more errors than a quarter of 72 values, and would explain either."""
     campaign = measure(drawing, count=24, seed=13, sigma_rotation_rad=None).campaign
     moved = damaged(campaign, position_m=lambda v: v + 0.01 * wrong[:, None])
     assert codes(check_campaign(moved, drawing.kinematics)) == {code}
 
 
-def test_a_drive_that_never_moved_is_told_with_what_cannot_be_found_of_it(clean):
+def test_a_drive_that_never_moved_is_reported_with_what_cannot_be_found(clean):
     still = damaged(clean.campaign, drives=lambda v: np.where(np.arange(4) == 3, v[0], v))
     (flag,) = check_columns(still)
     assert (flag.code, flag.severity, flag.columns) == (FlagCode.STUCK_COLUMN, Severity.WARNING, ("q4_rad",))
@@ -425,7 +425,7 @@ def test_finds_two_mistakes_at_once(drawing, clean):
     assert codes(check_campaign(campaign, drawing.kinematics)) == {"position_unit", "rotation_unit", "drive_unit"}
 
 
-def test_inverse_positions_alone_are_recognised(drawing, clean):
+def test_inverse_poses_are_recognised_from_positions_alone(drawing, clean):
     campaign = damaged(inverse_poses(clean.campaign), rotation_vector_rad=None)
     assert codes(check_campaign(campaign, drawing.kinematics)) == {"frames_swapped"}
 
@@ -448,7 +448,7 @@ def test_one_finding_names_what_is_mirrored(as_built, real, change, columns):
 
 
 def test_a_table_with_its_newest_row_first_is_to_be_sorted(drawing, clean):
-    """All rows of one moment do not fall, and one step that rises is an order of another kind."""
+    """All rows of one time do not decrease, and a single increase makes the order another one."""
     newest = clean.campaign.subset(np.argsort(clean.campaign.time_s, kind="stable")[::-1])
     (flag,) = check_campaign(newest, drawing.kinematics)
     assert (flag.code, flag.severity) == ("time_shuffled", "error")
@@ -459,8 +459,8 @@ def test_a_table_with_its_newest_row_first_is_to_be_sorted(drawing, clean):
     assert "is in no order: it decreases" in other.message
 
 
-def test_round_off_of_temperatures_does_not_decide_what_is_said_of_newest_rows_first(clean):
-    """They run as smoothly backwards: summed in another order, their steps differ in the last digit, either way."""
+def test_round_off_of_temperatures_does_not_affect_the_finding_on_newest_rows_first(clean):
+    """They are as smooth backwards: summed in another order, their steps differ in the last digit, either way."""
     newest = clean.campaign.subset(np.argsort(clean.campaign.time_s, kind="stable")[::-1])
     random, signs = np.random.default_rng(0), set()
     for _ in range(30):
@@ -481,7 +481,7 @@ def test_a_new_session_explains_a_clock_that_restarts(drawing, clean):
     assert check_campaign(damaged(restarted, sessions=("1",) * 30 + ("2",) * 30), drawing.kinematics) == []
 
 
-def test_a_real_repeat_is_no_repeated_row(drawing):
+def test_a_true_repeat_is_no_duplicate_row(drawing):
     first, second = (measure(drawing, seed=4).campaign, measure(drawing, seed=4).campaign)
     noise = np.random.default_rng(0).normal(size=(60, 3)) * 5e-5
     again = damaged(second, position_m=lambda v: v + noise)
@@ -494,13 +494,13 @@ def test_a_real_repeat_is_no_repeated_row(drawing):
     )
 
 
-def test_copies_are_left_out_and_change_nothing_else(drawing, clean):
+def test_duplicates_are_left_out_and_change_nothing_else(drawing, clean):
     twice = every_row_twice(clean.campaign)
     flags = check_campaign(twice, drawing.kinematics)
     assert wrong_rows(flags).tolist() == list(range(1, 2 * len(clean.campaign), 2))
 
 
-def test_copies_do_not_count_in_the_misfit(as_built, real):
+def test_duplicates_do_not_count_in_the_misfit(as_built, real):
     rows = np.arange(len(real.campaign))
     once, copied_too = (
         examine(real.campaign.subset(chosen), as_built.kinematics).fit for chosen in (rows, np.r_[rows, [3] * 9])
@@ -509,7 +509,7 @@ def test_copies_do_not_count_in_the_misfit(as_built, real):
     assert copied_too.rotation_scale_rad == pytest.approx(once.rotation_scale_rad, rel=1e-6)
 
 
-def test_round_commands_that_were_driven_are_no_rounded_drives(drawing):
+def test_round_commands_that_were_executed_are_not_rounded_drives(drawing):
     plan = random_plan(drawing, 60, 3)
     drives = np.round(plan.drives, 3)
     plan = dataclasses.replace(plan, drives=drives, poses=tuple(drives))
@@ -517,8 +517,8 @@ def test_round_commands_that_were_driven_are_no_rounded_drives(drawing):
     assert check_campaign(simulate_campaign(drawing, plan, settings).campaign, drawing.kinematics) == []
 
 
-def test_a_coordinate_that_stands_still_bends_nothing():
-    """A gantry holds z to round-off, which must not be made large."""
+def test_a_constant_coordinate_gives_no_bending_terms():
+    """A gantry holds z up to round-off, which must not be scaled up."""
     random = np.random.default_rng(0)
     flat = np.column_stack([random.uniform(-1.0, 1.0, (30, 2)), 0.7 + 1e-16 * random.normal(size=30)])
     bends = np.array(list(_bends(flat)))
@@ -526,8 +526,8 @@ def test_a_coordinate_that_stands_still_bends_nothing():
     assert np.abs(bends).max() <= 4.0
 
 
-def test_columns_that_may_be_a_quaternion_are_not_left_out_without_a_word(real):
-    """Where no rotation was read they are a warning, which a diagnosis repeats."""
+def test_columns_that_may_be_a_quaternion_are_reported_as_ignored(real):
+    """Where no rotation was read it is a warning, which a diagnosis repeats."""
     unread = dataclasses.replace(real.campaign, ignored_columns=("qw", "qx", "qy", "qz"))
     severities = []
     for campaign in (unread, dataclasses.replace(unread, rotation_vector_rad=None)):
@@ -538,8 +538,8 @@ def test_columns_that_may_be_a_quaternion_are_not_left_out_without_a_word(real):
     assert "as_rotvec" in flag.remedy
 
 
-def test_a_thermometer_that_sits_on_no_part_is_told_to_be_unused(real, tmp_path):
-    """A diagnosis repeats warnings; a fifth leg is a slip only for one that is not there."""
+def test_a_thermometer_of_no_part_is_reported_as_unused(real, tmp_path):
+    """A diagnosis repeats warnings; the fifth leg is a misspelling only if a leg's own thermometer is missing."""
     table, _ = real.campaign.save(tmp_path / "hot.csv")
     heading, *rows = table.read_text().splitlines()
     table.write_text("\n".join([f"{heading},leg5_degC,spindle_K,note", *(f"{row},20,300,ok" for row in rows)]))
@@ -554,7 +554,7 @@ def test_a_thermometer_that_sits_on_no_part_is_told_to_be_unused(real, tmp_path)
 
 
 @pytest.mark.parametrize("factor", [0.1, 3.0, 10.0])
-def test_says_how_large_the_noise_is(as_built, real, factor):
+def test_the_size_of_the_noise_is_reported(as_built, real, factor):
     stated = real.campaign.metadata
     told = {"sigma_position_m": SIGMA_M / factor, "sigma_rotation_rad": SIGMA_RAD / factor}
     campaign = dataclasses.replace(real.campaign, metadata=stated.model_copy(update=told))
@@ -566,8 +566,8 @@ def test_says_how_large_the_noise_is(as_built, real, factor):
         assert flags[0].metrics["factor"] == pytest.approx(factor, rel=0.25)
 
 
-def test_metres_stated_as_the_noise_in_millimetres_are_no_rounded_drives(as_built, real):
-    """Long legs with all their digits: of 700 mm a millionth is 0.7 steps of a micrometre."""
+def test_a_noise_in_metres_stated_as_millimetres_is_not_reported_as_rounded_drives(as_built, real):
+    """Long legs with all their digits: a millionth of 700 mm is 0.7 steps of a micrometre."""
     stated = real.campaign.metadata
     less = {"sigma_position_m": stated.sigma_position_m / 1e3, "sigma_rotation_rad": stated.sigma_rotation_rad / 1e3}
     quiet = dataclasses.replace(real.campaign, metadata=stated.model_copy(update=less))
@@ -577,7 +577,7 @@ def test_metres_stated_as_the_noise_in_millimetres_are_no_rounded_drives(as_buil
     assert "e+0" not in flag.message
 
 
-def test_a_rough_error_of_one_drive_is_no_noise(drawing, clean):
+def test_a_rough_error_of_one_drive_is_not_reported_as_noise(drawing, clean):
     random = np.random.default_rng(2)
     rough = damaged(clean.campaign, drives=lambda v: v + random.normal(size=v.shape) * [0.0, 3e-4, 0.0, 0.0])
     assert "noise_too_small" not in codes(check_campaign(rough, drawing.kinematics))
@@ -589,7 +589,7 @@ def test_a_few_rows_that_are_far_off_are_left_out_and_the_rest_is_used(clean, dr
 
 
 @pytest.mark.parametrize(("rows", "severity"), [(4, Severity.WARNING), (0, Severity.ERROR)])
-def test_says_which_rows_have_a_rotation_only_and_why_nothing_was_compared(clean, drawing, rows, severity):
+def test_rows_with_a_rotation_only_are_named_where_nothing_can_be_compared(clean, drawing, rows, severity):
     turned = damaged(clean.campaign, position_m=set_rows(slice(rows, None), slice(None), np.nan))
     found = examine(turned, drawing.kinematics)
     (flag,) = found.flags
@@ -598,7 +598,7 @@ def test_says_which_rows_have_a_rotation_only_and_why_nothing_was_compared(clean
         f"{rows} rows have a complete position, and the two frames need 6; there is only a rotation in" in flag.message
     )
     assert flag.rows == tuple(range(rows, len(turned)))
-    if severity is Severity.ERROR:  # a fit would have no length at all
+    if severity is Severity.ERROR:  # a fit would have no scale at all
         with pytest.raises(CampaignError, match="0 rows have a complete position"):
             usable_without(turned, found.flags)
 
@@ -614,8 +614,8 @@ def test_data_that_are_wrong_as_a_whole_or_in_most_rows_are_refused(clean, drawi
 
 
 @pytest.mark.parametrize("share", [0.15, 0.25])
-def test_rows_measured_pose_by_pose_are_no_moved_tracker(crooked, drawing, share):
-    """Half of them tilted one way, then half the other way: what a crooked robot does differently there is no step."""
+def test_rows_sorted_by_tilt_are_no_moved_tracker(crooked, drawing, share):
+    """Half of them are tilted one way, then half the other way: a crooked robot's other errors there are no step."""
     plan = random_plan(crooked, 300, 3)
     tilt = plan.drives[:, 3]
     back, forth = (
@@ -640,8 +640,8 @@ def test_a_campaign_is_checked_by_its_own_robot(clean):
     ids=["one coordinate", "two", "another in each row"],
 )
 @pytest.mark.parametrize(("factor", "wrong"), [(1e-3, "metres under a heading in milli"), (1e3, "millimetres under")])
-def test_units_of_coordinates_are_told_where_no_row_has_all_three(real, drawing, missing, factor, wrong):
-    """The map from drives to each of them has the length of a row of a rotation, which is 1."""
+def test_units_of_coordinates_are_found_where_no_row_has_all_three(real, drawing, missing, factor, wrong):
+    """The map from drives to each coordinate has the length of a row of a rotation, which is 1."""
     position = np.array(real.campaign.position_m)
     for row, values in enumerate(position):
         values[missing(row)] = np.nan

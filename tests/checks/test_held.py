@@ -14,8 +14,8 @@ from pouring_robot.mechanism.rotations import rotation_vectors
 from tests.campaign.simulated import codes
 from tests.checks.test_any_robot import EXAMPLES, Machine
 
-BALL = np.array([0.02, -0.03, 0.12])  # where the ball sits on the tool, in m
-ZEROS = 1e-3 * np.array([0.0, 4.0, -6.0, 5.0, -4.0, 0.0])  # rad, by which the drives of the arm stand off
+BALL = np.array([0.02, -0.03, 0.12])  # position of the ball on the tool, in m
+ZEROS = 1e-3 * np.array([0.0, 4.0, -6.0, 5.0, -4.0, 0.0])  # offsets of the drives of the arm, in rad
 ELBOW_UP_AND_DOWN = np.array([[0.66, 1.41, -1.87, 0.24, 1.51, -3.26], [0.66, 0.91, -0.89, 0.28, 1.05, -3.38]])  # rad
 
 
@@ -25,13 +25,13 @@ def arm():
 
 
 def ball(arm, drives):
-    """Return where the ball of the real arm is, (n, 3), in m, for commands."""
+    """Return the position of the ball of the real arm, (n, 3), in m, for commands."""
     poses = nominal_poses(arm.drawing, drives + ZEROS)
     return poses.position_m + poses.rotation @ BALL
 
 
 def brought(arm, drives, places):
-    """Return commands (n, 6) near others that bring the ball to places (n, 3)."""
+    """Return commands (n, 6) near others that bring the ball to positions (n, 3)."""
     small = 1e-6 * np.eye(6)
     for _ in range(60):
         off = places - ball(arm, drives)
@@ -43,7 +43,7 @@ def brought(arm, drives, places):
 
 
 def measured(arm, drives, places, **changes):
-    """Return a campaign of places alone, (n, 3), in m, that the drives went to, (n, 6)."""
+    """Return a campaign of positions only, (n, 3), in m, at actual drive positions (n, 6)."""
     rows = arm.campaign.subset(np.arange(len(drives)))
     rows = rows.with_conditions(ambient=None)
     return dataclasses.replace(rows, drives=drives, position_m=places, rotation_vector_rad=None, **changes)
@@ -55,15 +55,15 @@ def stuck(flags):
 
 @pytest.fixture(scope="module")
 def into_sockets(arm):
-    """Return commands (2, 25, 6) that bring the ball into two sockets, and the places of these, (2, 25, 3), in m."""
+    """Return commands (2, 25, 6) that bring the ball into two sockets, and the sockets' positions, (2, 25, 3), in m."""
     free, seats = arm.campaign.drives, np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]])
     into = [brought(arm, free, ball(arm, free[[7]]) + seat + np.zeros((len(free), 3)))[:25] for seat in seats]
     return np.array(into), np.repeat(seats[:, None], 25, axis=1)
 
 
 @pytest.mark.parametrize("sockets", [1, 2])
-def test_a_ball_that_was_put_into_sockets_is_no_sensor_that_hung(arm, into_sockets, sockets):
-    """Many commands, each with another attitude, to a socket: what tells of an arm without any device."""
+def test_a_ball_held_in_sockets_is_no_stuck_sensor(arm, into_sockets, sockets):
+    """Many commands with different attitudes at one socket: data that calibrate an arm without any instrument."""
     drives, stated = (both[:sockets].reshape(25 * sockets, -1) for both in into_sockets)
     flags = check_campaign(measured(arm, drives, stated), arm.drawing)
     assert stuck(flags) == [Severity.NOTE]
@@ -72,7 +72,7 @@ def test_a_ball_that_was_put_into_sockets_is_no_sensor_that_hung(arm, into_socke
 
 
 @pytest.mark.parametrize(("lost", "places"), [(12, 1), (13, 0)])
-def test_a_socket_at_which_most_rows_have_no_pose_is_not_told(arm, into_sockets, lost, places):
+def test_a_socket_where_most_rows_have_no_pose_is_not_reported(arm, into_sockets, lost, places):
     (drives, _), (stated, _) = into_sockets
     reached = nominal_poses(arm.drawing, drives)
     known = np.where(np.arange(len(drives)) < lost, np.nan, 1.0)
@@ -80,8 +80,8 @@ def test_a_socket_at_which_most_rows_have_no_pose_is_not_told(arm, into_sockets,
     assert len(held_rows(measured(arm, drives, stated), arm.drawing, poses)) == places
 
 
-def test_sockets_may_be_changed_each_time_and_hold_a_row_that_is_wrong(arm, into_sockets):
-    """They stand in line, so that y and z are the same in all rows."""
+def test_sockets_may_alternate_and_have_a_wrong_row(arm, into_sockets):
+    """They lie on a line, so that y and z are the same in all rows."""
     drives, stated = (both.swapaxes(0, 1).reshape(50, -1) for both in into_sockets)
     wrong = np.array(drives)
     wrong[20] = arm.campaign.drives[3]
@@ -91,7 +91,7 @@ def test_sockets_may_be_changed_each_time_and_hold_a_row_that_is_wrong(arm, into
     assert wrong_rows(flags).tolist() == [20]
 
 
-def test_a_tracker_that_hung_while_drives_moved_as_they_like_is_an_error(arm):
+def test_a_tracker_that_is_stuck_while_drives_move_freely_is_an_error(arm):
     place = np.array(arm.campaign.position_m)
     place[40:60] = place[40]
     flags = check_campaign(measured(arm, arm.campaign.drives, place), arm.drawing)
@@ -99,8 +99,8 @@ def test_a_tracker_that_hung_while_drives_moved_as_they_like_is_an_error(arm):
 
 
 @pytest.mark.parametrize("moving", [[0, 1, 1, 0, 0, 0], [0, 0, 0, 0, 0, 1]])
-def test_a_tracker_that_hung_while_drives_moved_along_a_line_is_an_error(arm, moving):
-    """They turn the target about some point nearly, or, one alone, about its axis: no ball sits there."""
+def test_a_tracker_that_is_stuck_while_drives_move_along_a_line_is_an_error(arm, moving):
+    """They rotate the target nearly about some point or, if one moves alone, about its axis: no ball sits there."""
     drives, place = np.array(arm.campaign.drives), np.array(arm.campaign.position_m)
     drives[40:60] = drives[40] + 0.01 * np.outer(np.arange(20), moving)
     place[40:60] = place[40]
@@ -108,8 +108,8 @@ def test_a_tracker_that_hung_while_drives_moved_along_a_line_is_an_error(arm, mo
     assert stuck(flags) == [Severity.ERROR] * 3
 
 
-def test_a_column_that_hung_is_found_where_sessions_have_frames_of_their_own(arm):
-    """Brought into the frame of another session it would vary."""
+def test_a_stuck_column_is_found_where_sessions_have_frames_of_their_own(arm):
+    """Transformed into the frame of another session it would vary."""
     seen = np.array(arm.campaign.position_m)
     seen[100:] = seen[100:] @ np.array([[0.6, -0.8, 0.0], [0.64, 0.48, -0.6], [0.48, 0.36, 0.8]]).T
     seen[150:160, 2] = seen[150, 2]
@@ -120,8 +120,8 @@ def test_a_column_that_hung_is_found_where_sessions_have_frames_of_their_own(arm
 
 
 @pytest.mark.parametrize(("first", "told"), [(60, False), (12, True)])
-def test_an_arm_that_changes_its_posture_is_no_tracker_that_was_moved(arm, first, told):
-    """Elbow up in the first half, down in the second, around one pose of the tool: errors of drives step with it."""
+def test_an_arm_that_changes_its_posture_is_no_moved_tracker(arm, first, told):
+    """Elbow up in the first half, down in the second, at the same tool pose: the effect of drive errors has a step."""
     random = np.random.default_rng(3)
     drives = np.repeat(ELBOW_UP_AND_DOWN, 30, axis=0) + 0.1 * random.normal(size=(60, 6))
     place = ball(arm, drives) + 2e-5 * random.normal(size=(60, 3))
@@ -129,8 +129,8 @@ def test_an_arm_that_changes_its_posture_is_no_tracker_that_was_moved(arm, first
     assert (FlagCode.MEASUREMENT_JUMP in codes(check_campaign(measured(arm, drives, place), arm.drawing))) == told
 
 
-def test_a_step_of_a_long_campaign_is_told_by_some_of_its_rows(arm, monkeypatch):
-    """Errors of all joints in 20,000 rows would take gigabytes; many fewer tell as much, some on either side."""
+def test_a_step_of_a_long_campaign_is_found_from_some_of_its_rows(arm, monkeypatch):
+    """Errors of all joints in 20,000 rows would take gigabytes; far fewer on either side are sufficient."""
     asked, joint_terms = [], Aligned.joint_terms
 
     def terms(aligned, rows):
@@ -146,8 +146,8 @@ def test_a_step_of_a_long_campaign_is_told_by_some_of_its_rows(arm, monkeypatch)
     assert asked and max(asked) < 160
 
 
-def test_rotations_that_hung_while_the_ball_sat_in_a_socket_are_an_error(arm, into_sockets):
-    """The ball turns there, and so does what was read of it, by an inclinometer say."""
+def test_rotations_that_are_stuck_while_the_ball_is_in_a_socket_are_an_error(arm, into_sockets):
+    """The ball rotates there, and so must the measured rotation, for instance of an inclinometer."""
     drives, stated = into_sockets[0][0], into_sockets[1][0]
     turned = rotation_vectors(nominal_poses(arm.drawing, drives).rotation)
     turned[5:15] = turned[5]

@@ -1,4 +1,4 @@
-"""Effect of drives on a target of any robot, and the inverse: against differences of the drawing's poses."""
+"""Effects of drive errors on a target for any robot, and the inverse: against differences of the drawing's poses."""
 
 from pathlib import Path
 
@@ -45,11 +45,11 @@ def test_drive_effect_is_the_derivative_of_the_target(robot_drives):
     for k, axis in enumerate(np.eye(len(units))):
         plus, minus = (FRAMES.seen(nominal_poses(drawing, drives + s * STEP * axis)) for s in (1.0, -1.0))
         change = plus.difference(minus) / (2.0 * STEP)
-        # Second-order remainder of the difference, and what closing to 1e-12 m leaves of it.
+        # Second-order remainder of the difference, and the tolerance of 1e-12 m of the closure.
         np.testing.assert_allclose(effect[:, :, k], change, atol=1e-5 * np.abs(change).max())
 
 
-def test_small_drive_errors_come_back_from_the_full_pose(robot_drives):
+def test_small_drive_errors_are_recovered_from_the_full_pose(robot_drives):
     units, drawing, drives = robot_drives
     random = np.random.default_rng(1)
     error = 1e-6 * random.normal(size=drives.shape)
@@ -73,8 +73,8 @@ def test_rows_without_pose_have_no_effect(drawing):
     assert (errors[2:] == 0.0).all()
 
 
-def test_what_other_rows_foretell_varies_as_least_squares_of_noise_do(drawing, tmp_path):
-    """Of a straight line over every coordinate and condition, fitted to noise of the other rows, drawn many times."""
+def test_the_variance_of_predictions_from_other_rows_is_that_of_least_squares(drawing, tmp_path):
+    """For a linear model in every coordinate and condition, fitted to random noise of the other rows many times."""
     data = campaign(tmp_path, NOTHING, rows=90)
     poses, rows = nominal_poses(drawing.kinematics, data.drives), np.array([4, 17])
     pose = [*poses.position_m.T, poses.rotation[:, 0, 0], poses.rotation[:, 0, 2]]
@@ -84,11 +84,11 @@ def test_what_other_rows_foretell_varies_as_least_squares_of_noise_do(drawing, t
     others = np.delete(np.arange(90), rows)
     draws = np.random.default_rng(2).normal(size=(len(others), 20_000))
     told = terms[rows] @ np.linalg.lstsq(terms[others], draws, rcond=1e-10)[0]
-    # The ridge holds back what the rows hardly tell; a variance of 20,000 draws has a standard deviation of 1 %.
+    # The ridge shrinks what the rows hardly determine; a variance from 20,000 draws has a standard deviation of 1 %.
     np.testing.assert_allclose(prediction_variance(data, poses, rows), told.var(axis=1), rtol=0.05)
 
 
-def test_rows_under_a_load_that_no_other_had_are_not_foretold(drawing, tmp_path):
+def test_rows_under_a_load_that_no_other_had_cannot_be_predicted(drawing, tmp_path):
     data = campaign(tmp_path, NOTHING)
     poses, rows = nominal_poses(drawing.kinematics, data.drives), np.array([4, 17])
     load = np.zeros(len(data))
@@ -99,8 +99,8 @@ def test_rows_under_a_load_that_no_other_had_are_not_foretold(drawing, tmp_path)
     assert (prediction_variance(data.with_conditions(payload=load), poses, rows) < 10.0).all()
 
 
-def test_rows_under_conditions_that_one_other_had_elsewhere_are_hardly_foretold(drawing, tmp_path):
-    """What a temperature does may differ from pose to pose: one row at another pose does not tell it."""
+def test_rows_under_conditions_that_one_other_had_elsewhere_are_hardly_predictable(drawing, tmp_path):
+    """A temperature's effect may differ from pose to pose: one row at another pose does not determine it."""
     data = campaign(tmp_path, NOTHING)
     poses, rows = nominal_poses(drawing.kinematics, data.drives), np.array([4])
     parts = {name: np.full(len(data), 160.0) for name in ("leg1", "leg2", "leg3", "leg4", "platform")}
