@@ -1,4 +1,4 @@
-"""Compensation: the actual ladle, warm and with errors, reaches the wanted pose in its four degrees of freedom."""
+"""Compensation: the actual ladle, warm and crooked, reaches the wanted pose in its four freedoms."""
 
 import csv
 import dataclasses
@@ -46,7 +46,7 @@ def corner_poses(robot):
 
 
 def test_over_the_box_at_1700_degrees_with_geometric_errors(hot, as_built):
-    """Judged by the other way round: the pose command is located, with temperatures settled anew."""
+    """Checked in the forward direction: the pose command is located, with temperatures settled anew."""
     poses = corner_poses(as_built) + random_poses(4, seed=31)
     before = []
     for pose in poses:
@@ -55,7 +55,7 @@ def test_over_the_box_at_1700_degrees_with_geometric_errors(hot, as_built):
         left = PlatformPose.from_se3(actual)
         assert np.abs(np.subtract(left.position_m, pose.position_m)).max() < MICRO_MM
         assert abs(left.tilt_rad - pose.tilt_rad) < 1e-9
-        # The drives it says are those of the pose command.
+        # The reported drives are those of the pose command.
         for name, value in hot.robot.kinematics.inverse(found.command).items():
             assert value == pytest.approx(found.drives[name], abs=1e-12)
         before.append(found.before.distance_m)
@@ -65,8 +65,8 @@ def test_over_the_box_at_1700_degrees_with_geometric_errors(hot, as_built):
     assert np.median(before) > 2e-3 and min(before) > 5e-4
 
 
-def test_a_direction_that_no_drive_moves_is_said(as_built, monkeypatch):
-    """As where a leg stands square to where its end can go."""
+def test_a_direction_that_no_drive_moves_is_reported(as_built, monkeypatch):
+    """As where a leg is perpendicular to the possible motion of its end."""
 
     def without_the_second_drive(*asked):
         found = closed_chain_transfer(*asked)
@@ -78,7 +78,7 @@ def test_a_direction_that_no_drive_moves_is_said(as_built, monkeypatch):
     assert caught.value.ratio < 1e-15
 
 
-def test_what_cannot_be_cancelled_is_said(hot):
+def test_errors_that_cannot_be_cancelled_are_reported(hot):
     found = compensate(hot, POSE)
     actual = hot.locate(found.command).location
     wanted = actual.nominal.mechanism  # frames only
@@ -92,7 +92,7 @@ def test_what_cannot_be_cancelled_is_said(hot):
     assert found.state.unsettled_m < 1e-10
 
 
-def test_the_lip_can_be_put_right_instead(hot):
+def test_the_lip_can_be_compensated_instead(hot):
     found = compensate(hot, POSE, "ladle_lip")
     lip = hot.locate(found.command).location.actual.pose("fixed_platform", "ladle_lip").translation
     drawing = hot.robot.locate(POSE).nominal.pose("fixed_platform", "ladle_lip").translation
@@ -101,7 +101,7 @@ def test_the_lip_can_be_put_right_instead(hot):
     assert PlatformPose.from_se3(platform).tilt_rad == pytest.approx(POSE.tilt_rad, abs=1e-9)
 
 
-def test_drive_offsets_cold_are_taken_back():
+def test_drive_offsets_of_a_cold_robot_are_subtracted():
     offsets = {"leg1_s3": 2.0, "leg2_s3": -1.0, "leg3_s3": 0.5}
     model = RobotModel(
         drive_offsets={name: DriveOffset(offset_mm=value) for name, value in offsets.items()}
@@ -117,7 +117,7 @@ def test_drive_offsets_cold_are_taken_back():
 
 
 def test_very_crooked_and_hot(very_crooked):
-    """4 mrad on every axis, loops left open: still no matter."""
+    """4 mrad on every axis, with loops left open: compensation is still exact."""
     heated = HeatedRobot(very_crooked, HeatSection())
     for pose in random_poses(3, seed=5):
         found = compensate(heated, pose)
@@ -133,7 +133,7 @@ def test_out_of_reach_is_refused(hot):
 
 
 def test_a_limit_that_only_the_warm_robot_passes_is_refused(as_built):
-    """The commanded leg must be shorter than the wanted one by its growth; at the shortest leg that is too short."""
+    """The commanded leg is shorter than the wanted one by its expansion; at the shortest leg that is too short."""
     kinematics = as_built.kinematics
     low, high = -0.6, -0.2
     for _ in range(60):
@@ -175,19 +175,19 @@ def test_outside_the_box(drawing):
     assert drawing.outside_workspace(PlatformPose((-0.100, 0.0, -0.600), 1.2))[1] == pytest.approx(1.2 - BOX_UPPER[3])
 
 
-def test_a_search_that_fails_says_its_figures():
+def test_a_search_that_fails_reports_its_figures():
     error = CompensationError("x 1, y 2, z -600 mm, tilt 10 deg", 1e-3, 2e-3)
     assert (error.exit_code, error.left_m) == (3, 1e-3)
     assert "z -600 mm, tilt 10 deg: Newton's last step leaves 1 mm and 2 mrad" in str(error)
 
 
-def test_a_result_is_told_on_one_line(hot):
+def test_a_result_is_shown_in_one_line(hot):
     found = compensate(hot, POSE)
     assert repr(found).startswith("<Compensation: 'moving_platform' ") and "\n" not in repr(found)
     assert found.to_frame()["q1_mm"][0] == pytest.approx(found.drives["leg1_s3"] * 1e3)
 
 
-def test_a_robot_is_cold_and_what_is_no_pose_is_refused(as_built):
+def test_a_robot_is_cold_by_default_and_other_types_of_poses_are_refused(as_built):
     assert compensate(as_built, POSE).drives == compensate(HeatedRobot(as_built), POSE).drives
     for call in (compensate, lambda robot, pose: HeatedRobot(robot).locate(pose)):
         with pytest.raises(BadInputError, match="a pose is a PlatformPose, not a ndarray"):
@@ -195,11 +195,11 @@ def test_a_robot_is_cold_and_what_is_no_pose_is_refused(as_built):
 
 
 @pytest.mark.parametrize("given", [1e-3, [0.0, 1e-3], [0.0, 0.0, np.nan], "down"])
-def test_what_heat_moves_is_a_displacement(as_built, given):
+def test_the_displacement_by_heat_must_be_a_vector(as_built, given):
     with pytest.raises(BadInputError, match=r"by heat is three finite numbers \(x, y, z\), in m"):
         compensate(as_built, POSE, heat_moves_m=given)
 
 
-def test_the_papers_sum_sends_the_cold_robot_as_far_the_other_way(as_built):
+def test_the_papers_sum_moves_the_cold_robot_as_far_the_other_way(as_built):
     found = compensate(as_built, POSE, heat_moves_m=[0.0, 0.0, 1e-3])
     assert found.left.translation_m == pytest.approx([0.0, 0.0, -1e-3], abs=1e-9)

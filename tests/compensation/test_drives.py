@@ -1,4 +1,4 @@
-"""Compensation of any robot: errors within reach of its drives are cancelled, the remaining error is stationary."""
+"""Compensation of any robot: what its drives command is cancelled, what remains is stationary."""
 
 import numpy as np
 import pinocchio as pin
@@ -15,8 +15,8 @@ from tests.support import gantry_file
 __all__ = ["crooked"]
 
 
-def test_the_tool_comes_where_the_drawing_has_it(crooked):
-    """An arm and a hexapod wholly; a delta in place; a five-bar in its plane, so far as drives move it at all."""
+def test_the_tool_reaches_its_place_in_the_drawing(crooked):
+    """An arm and a hexapod in all freedoms; a delta in position; a five-bar in its plane, where its drives move it."""
     wanted = crooked.location_at(commands(crooked, 1, seed=4)[0])
     found = compensate_drives(crooked, wanted)
     again = crooked.location_at(list(found.drives.values()))
@@ -30,8 +30,8 @@ def test_the_tool_comes_where_the_drawing_has_it(crooked):
 
 
 @pytest.mark.parametrize(("seed", "worse"), [(4, True), (5, False)])
-def test_an_attitude_that_is_worse_than_without_is_said(seed, worse):
-    """A delta only places: that its platform then turns further, or less, follows from its errors, drawn here."""
+def test_an_attitude_that_compensation_makes_worse_is_reported(seed, worse):
+    """A delta positions only: whether its platform then rotates more or less depends on its errors, drawn here."""
     model, random = RobotModel.for_robot(ROBOTS / "delta" / "robot.yaml"), np.random.default_rng(seed)
     placements = {
         joint: JointPlacement(
@@ -56,7 +56,7 @@ def test_an_attitude_that_is_worse_than_without_is_said(seed, worse):
 
 
 @pytest.mark.parametrize(("off_mm", "far"), [(0.5, False), (9.9, False), (10.1, True), (30.0, True)])
-def test_a_nut_goes_far_where_its_slide_does(tmp_path, off_mm, far):
+def test_a_nut_is_reported_as_going_far_where_its_slide_does(tmp_path, off_mm, far):
     model = RobotModel.for_robot(gantry_file(tmp_path, lead=0.005))
     robot = Robot(
         model.model_copy(update={"joint_placements": {"x_slide": JointPlacement(translation_mm=(off_mm, 0, 0))}})
@@ -84,8 +84,8 @@ def test_the_drawing_needs_none():
     assert "without compensation" in found.headline
 
 
-def test_a_location_of_the_drawing_is_as_good_as_the_robots_own(crooked):
-    """How far off the robot is without compensation is its own matter; a location of the drawing is 0 mm off."""
+def test_a_location_of_the_drawing_serves_as_well_as_the_robots_own(crooked):
+    """The error without compensation is that of the robot; a location of the drawing has an error of 0 mm."""
     drives = commands(crooked, 1, seed=4)[0]
     drawing = Robot.load(RobotModel.for_robot(crooked.model.definition))
     own, found = (compensate_drives(crooked, robot.location_at(drives)) for robot in (crooked, drawing))
@@ -93,7 +93,7 @@ def test_a_location_of_the_drawing_is_as_good_as_the_robots_own(crooked):
     assert (found.drives, found.status) == (pytest.approx(own.drives, abs=1e-9), own.status)
 
 
-def test_what_is_no_location_is_refused():
+def test_only_a_location_of_the_robots_drawing_is_accepted():
     robot = Robot.load("examples/robots/delta/robot.yaml")
     with pytest.raises(BadInputError, match="belongs to another drawing"):
         compensate_drives(robot, PouringRobot().location_in_the_middle())

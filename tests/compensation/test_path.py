@@ -1,4 +1,4 @@
-"""Whole paths at once: the drive values of pose by pose, cold up to rounding, warm up to the effect of leg lengths."""
+"""Whole paths at once: the same drives as pose by pose, cold to rounding, warm up to a leg's difference in length."""
 
 import numpy as np
 import pytest
@@ -22,18 +22,18 @@ WANTED = np.random.default_rng(31).uniform(BOX_LOWER, BOX_UPPER, (4, 4))
 
 @pytest.fixture(scope="module")
 def robot():
-    """A robot with tilted axes, displaced centres and a drive that stands beyond its command."""
+    """A robot with tilted axes, displaced centres and a drive beyond its command."""
     model = crooked_model(seed=8, axis_mrad=0.5)
     return PouringRobot(model.model_copy(update={"drive_offsets": {"leg3_s3": DriveOffset(offset_mm=-0.4)}}))
 
 
 def one_by_one(heated, frame):
-    """Return what the search pose by pose finds."""
+    """Return the results of the search pose by pose."""
     return [compensate(heated, PlatformPose(tuple(row[:3].tolist()), float(row[3])), frame) for row in WANTED]
 
 
 @pytest.mark.parametrize("frame", ["moving_platform", "ladle_lip"])
-def test_cold_it_is_what_one_by_one_finds(robot, frame):
+def test_a_cold_path_equals_the_search_pose_by_pose(robot, frame):
     heated = HeatedRobot(robot)
     path, singly = compensate_path(heated, WANTED, frame), one_by_one(heated, frame)
     assert set(path.status) == {"closed"}
@@ -43,7 +43,7 @@ def test_cold_it_is_what_one_by_one_finds(robot, frame):
     assert np.abs(path.left).max() < 1e-9
 
 
-def test_warm_it_is_off_by_what_a_leg_is_longer_than_the_drawings(robot):
+def test_a_warm_path_differs_by_the_expansion_of_a_legs_difference_in_length(robot):
     """A kelvin, 12 µm in a metre of steel, for a few millimetres of leg: see ``expansion.warm_pouring_robot``."""
     heated = HeatedRobot(robot, HeatSection())
     path, singly = compensate_path(heated, WANTED), one_by_one(heated, None)
@@ -53,8 +53,8 @@ def test_warm_it_is_off_by_what_a_leg_is_longer_than_the_drawings(robot):
     assert np.abs(path.drives - drives).max() < 1.2e-5
 
 
-def test_a_network_that_was_given_is_that_of_the_path(robot):
-    """Without radiation hardly any heat comes to the legs."""
+def test_a_path_uses_the_given_thermal_network(robot):
+    """Without radiation hardly any heat reaches the legs."""
     network = ThermalNetwork(robot, radiation=False)
     heated = HeatedRobot(robot, HeatSection(), network)
     path, singly = compensate_path(heated, WANTED), one_by_one(heated, None)
@@ -63,7 +63,7 @@ def test_a_network_that_was_given_is_that_of_the_path(robot):
 
 
 def test_with_given_temperatures_heat_is_exact(robot):
-    """Measured temperatures take the place of computed ones: nothing is sampled."""
+    """Measured temperatures replace computed ones: nothing is sampled."""
     measured = {"leg1": 210.0, "leg2": 190.0, "leg3": 260.0, "leg4": 240.0, "platform": 320.0, "fixed_platform": 60.0}
     heated = HeatedRobot(robot, HeatSection(measured_degC=measured))
     path, singly = compensate_path(heated, WANTED), one_by_one(heated, None)
@@ -77,15 +77,15 @@ def test_a_warm_path_is_located_as_pose_by_pose(robot):
         one = heated.locate(PlatformPose(tuple(row[:3].tolist()), float(row[3]))).location
         for frame in ("moving_platform", "ladle_lip"):
             error = found.error_position.sel(frame=frame).values[k]
-            # Sideways it is weak: a kelvin between two legs, 12 µm in a metre, is there ten times as much.
+            # It is weak sideways: a kelvin between two legs, 12 µm in a metre, makes ten times as much there.
             assert np.abs(error - one.difference(frame).translation_m).max() < 1e-4
     cold, _ = locate_path(HeatedRobot(robot), WANTED)
     np.testing.assert_array_equal(cold.error_position, robot.locate(WANTED).error_position)
     assert closed.closed.all()
 
 
-def test_neighbours_share_what_is_only_a_start(robot):
-    """Each pose of a dense path is where it is alone, but for the 10 µm of a leg that its first place may be off."""
+def test_neighbours_on_a_path_share_only_the_start(robot):
+    """Each pose of a dense path is where it is alone, up to the 10 µm of a leg by which its start may be off."""
     heated = HeatedRobot(robot, HeatSection())
     dense = WANTED[0] + np.linspace(0.0, 0.009, 4)[:, None] * [1.0, -1.0, 1.0, 1.0]
     found, _ = locate_path(heated, dense)
@@ -94,8 +94,8 @@ def test_neighbours_share_what_is_only_a_start(robot):
         np.testing.assert_allclose(found.error_position[k], alone.error_position[0], rtol=0, atol=1e-5)
 
 
-def test_what_has_no_answer_says_why(robot):
-    """Also where loops do not close, stay open or are closed elsewhere: the limits, as pose by pose."""
+def test_poses_without_an_answer_say_why(robot):
+    """Also where loops do not close, stay open or close elsewhere: the limits, as pose by pose."""
     far = np.array([[-0.1, 0.0, -0.6, 0.3], [-0.1, 0.0, -1.4, 0.3], [50.0, 0.0, -0.6, 0.0], [0.0, 0.0, 0.0, 0.0]])
     far = np.vstack([far, [-0.1, 0.0, -0.6, 100.0]])
     path = compensate_path(HeatedRobot(robot), far)
@@ -105,8 +105,8 @@ def test_what_has_no_answer_says_why(robot):
     assert "1 of 5 poses" in path.headline and list(path.to_frame().status) == list(path.status)
 
 
-def test_a_direction_that_no_drive_moves_is_said(robot, monkeypatch):
-    """At one pose of the path; the others are found."""
+def test_a_direction_that_no_drive_moves_is_reported(robot, monkeypatch):
+    """It is at one pose of the path; the others are found."""
     follow = WarmPath.drives_to_end
 
     def without_the_second_drive(*asked):
@@ -120,15 +120,15 @@ def test_a_direction_that_no_drive_moves_is_said(robot, monkeypatch):
     assert np.isnan(path.drives[1]).all()
 
 
-def test_where_loops_stay_open_it_says_so(robot):
-    """Also where the search goes on for other poses."""
+def test_loops_that_stay_open_are_reported(robot):
+    """Also where the search continues for other poses."""
     most = float(np.median([robot.locate(PlatformPose(tuple(row[:3]), row[3])).actual.gap_rad for row in WANTED]))
     strict = PouringRobot(robot.model, options=ClosureOptions(max_gap_rad=most))
     assert {*compensate_path(HeatedRobot(strict), WANTED).status} == {"closed", "left open too far"}
 
 
 def test_drives_are_not_commanded_beyond_their_limits(robot):
-    """A leg that stands 2 mm short of its command comes to all but the last millimetres of its stroke."""
+    """A leg that is 2 mm short of its command reaches all but the last millimetres of its stroke."""
     short = PouringRobot(robot.model.model_copy(update={"drive_offsets": {"leg3_s3": DriveOffset(offset_mm=-2.0)}}))
     _, most = robot.kinematics.mechanism.joint_limits()["leg3_s3"]
     drives = short.drives_of(PlatformPose((-0.1, 0.0, -0.85), 0.0))
@@ -139,7 +139,7 @@ def test_drives_are_not_commanded_beyond_their_limits(robot):
     assert compensate_path(HeatedRobot(short), [wanted]).status.tolist() == [OUT_OF_REACH]
 
 
-def test_what_cannot_be_done_in_a_batch_is_refused(robot):
+def test_requests_that_no_batch_can_serve_are_refused(robot):
     with pytest.raises(BadInputError, match="shape"):
         compensate_path(HeatedRobot(robot), WANTED[:, :3])
     with pytest.raises(BadInputError, match="threads"):

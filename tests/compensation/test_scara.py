@@ -1,4 +1,4 @@
-"""A SCARA whose forearm is 8 mm longer than drawn, against its closed form: on limits, and stretched out."""
+"""A SCARA whose forearm is 8 mm longer than drawn, against its closed form: at limits, and stretched out."""
 
 import csv
 import dataclasses
@@ -54,7 +54,7 @@ def built(files, *, longer=LONGER, lower=0.0):
 
 
 def tool(drives, longer=0.0):
-    """Return x, y, z (m) and the yaw (rad) of the tool: the closed form."""
+    """Return x, y, z (m) and the yaw (rad) of the tool in closed form."""
     one, two, slide, four = drives
     yaw = one + two - four  # the quill hangs upside down
     arm = UPPER * np.exp(1j * one) + (FOREARM + longer) * np.exp(1j * (one + two)) + HAND * np.exp(1j * yaw)
@@ -64,16 +64,16 @@ def tool(drives, longer=0.0):
 @pytest.mark.parametrize("bent", [3.0, 10.0, 20.0])
 @pytest.mark.parametrize("slide", [0.0, STROKE])
 def test_a_drive_on_its_limit_stays_there(files, bent, slide):
-    """Its own correction is round-off, to whichever side; what is commanded is within the limits."""
+    """Its own correction is round-off, of either sign; the command is within the limits."""
     wanted = np.array([0.0, math.radians(bent), slide, 0.0])
     found = compensate_drives(robot := built(files), robot.location_at(wanted))
     assert 0.0 <= found.drives["j3"] <= STROKE
     assert found.drives["j3"] == pytest.approx(slide, abs=1e-9)
     assert tool(found.drives.values(), LONGER) == pytest.approx(tool(wanted), abs=1e-9)
-    robot.location_at(list(found.drives.values()))  # refuses what stands beyond limits
+    robot.location_at(list(found.drives.values()))  # refuses drives beyond limits
 
 
-def test_what_is_really_beyond_a_limit_is_refused_and_readable(files):
+def test_a_true_excess_over_a_limit_is_refused_and_readable(files):
     robot = built(files, lower=2.1e-6)
     wanted = robot.location_at([0.0, 0.3, STROKE, 0.0])
     compensate_drives(robot, robot.location_at([0.0, 0.3, STROKE / 2, 0.0]))
@@ -85,7 +85,7 @@ def test_what_is_really_beyond_a_limit_is_refused_and_readable(files):
 
 @pytest.mark.parametrize("slide", [0.0, 0.1])
 def test_stretched_out_it_bends_its_elbow(files, slide):
-    """Newton stands still there. The law of cosines says how far the elbow bends; both sides are as near."""
+    """Newton's method does not move there. The law of cosines gives the elbow's angle; both signs are equally near."""
     wanted = np.array([0.2, 0.0, slide, -0.1])
     robot = built(files)
     found = compensate_drives(robot, robot.location_at(wanted))
@@ -97,7 +97,7 @@ def test_stretched_out_it_bends_its_elbow(files, slide):
     assert found.before.distance_m == pytest.approx(LONGER, abs=1e-12)
 
 
-def test_beyond_its_reach_it_stays_and_says_so(files, tmp_path, capsys):
+def test_beyond_its_reach_it_keeps_its_drives_and_reports_it(files, tmp_path, capsys):
     """The forearm is too short for the stretched pose; the line before is compensated, and the table is read again."""
     robot = built(files, longer=-LONGER)
     found = compensate_drives(robot, stretched := robot.location_at([0.2, 0.0, 0.1, 0.0]))
@@ -116,8 +116,8 @@ def test_beyond_its_reach_it_stays_and_says_so(files, tmp_path, capsys):
     assert list(robot.read_commands(tmp_path / "out.csv").values())[1] == pytest.approx([0.2, 0.0, 0.1, 0.0], abs=1e-12)
 
 
-def test_what_no_drive_turns_back_is_said(files):
-    """A quill that leans: the tool is placed, stretched out as elsewhere; its lean, which no drive turns, is left."""
+def test_a_rotation_that_no_drive_corrects_is_reported(files):
+    """With a leaning quill the tool is positioned, stretched out as elsewhere; its lean, which no drive turns, stays."""
     place = JointPlacement(translation_mm=(8.0, 0.0, 0.0), rotation_mrad=(0.5, 0.2, 0.0))
     model = RobotModel.for_robot(files / "robot.yaml").model_copy(update={"joint_placements": {"j3": place}})
     robot = Robot(model)
@@ -129,8 +129,8 @@ def test_what_no_drive_turns_back_is_said(files):
 
 
 @pytest.mark.parametrize("bent", [0.0, 1e-7, 1e-6, 1e-4, 0.01])
-def test_short_of_its_reach_it_stays_nearly_stretched_too(files, bent):
-    """80 um short: the pose is singular, nearly so, or Newton goes to and fro about what is out of reach."""
+def test_just_beyond_its_reach_it_keeps_its_drives_near_the_stretched_pose_too(files, bent):
+    """80 um short: the pose is singular, nearly so, or Newton's method oscillates about a target out of reach."""
     robot = built(files, longer=-8e-5)
     found = compensate_drives(robot, wanted := robot.location_at([0.2, bent, 0.1, 0.0]))
     assert found.status == "kept + singular"
@@ -141,7 +141,7 @@ def test_short_of_its_reach_it_stays_nearly_stretched_too(files, bent):
 
 
 @pytest.mark.parametrize(("over", "within"), [(-8e-10, 0.0), (STROKE + 8e-10, STROKE)])
-def test_what_is_kept_lies_within_the_limits(files, over, within):
+def test_drives_that_are_kept_are_within_the_limits(files, over, within):
     robot = built(files, longer=-LONGER)
     found = compensate_drives(robot, robot.location_at([0.2, 0.0, over, 0.0]))
     assert found.kept
@@ -149,7 +149,7 @@ def test_what_is_kept_lies_within_the_limits(files, over, within):
 
 
 @pytest.mark.parametrize(("bent", "status"), [(0.0, "reached + singular"), (1e-5, "reached"), (1e-2, "reached")])
-def test_that_drives_go_far_is_said_whatever_is_singular(files, bent, status):
+def test_drives_that_go_far_are_reported_at_singular_and_other_poses(files, bent, status):
     robot = built(files)
     locations = [robot.location_at([0.2, angle, 0.1, 0.0]) for angle in (bent, math.pi / 2)]
     found = [compensate_drives(robot, one) for one in locations]
@@ -160,8 +160,8 @@ def test_that_drives_go_far_is_said_whatever_is_singular(files, bent, status):
     assert note.startswith(f"compensated drives are far from the given ones: 1 of 2 poses, by up to j2 {far:.5f} deg; ")
 
 
-def test_a_position_that_is_worse_than_without_is_said(files):
-    """It has no known case: whatever Newton ends with, nobody is to send it unwarned."""
+def test_a_position_that_compensation_makes_worse_is_reported(files):
+    """No case is known: whatever Newton's method ends with, nobody is to command it without a warning."""
     robot = built(files)
     found = compensate_drives(robot, robot.location_at([0.2, 0.7, 0.1, 0.0]))
     found = dataclasses.replace(found, before=found.left, left=PoseDifference(np.array([2e-3, 0.0, 0.0]), np.zeros(3)))
@@ -173,10 +173,10 @@ def test_a_position_that_is_worse_than_without_is_said(files):
 
 
 def searched(files, monkeypatch, stood, *beside):
-    """Return what is found where Newton ends so, from the stretched pose and from beside it, by turns.
+    """Return what is found where Newton's method ends so, from the stretched pose and from beside it, in turn.
 
-    Each: the way of j1 (rad), how far place (m) and attitude (rad) are off, and whether it settled. Without
-    compensation they are 8 mm and 1 mrad off.
+    Each end: the way of j1 (rad), the errors of position (m) and attitude (rad), and whether it settled. Without
+    compensation the errors are 8 mm and 1 mrad.
     """
     place = JointPlacement(translation_mm=(8.0, 0.0, 0.0), rotation_mrad=(0.0, 0.0, 1.0))
     model = RobotModel.for_robot(files / "robot.yaml").model_copy(update={"joint_placements": {"j3": place}})
@@ -205,21 +205,21 @@ NOWHERE = (0.0, 0.0, 0.0, False)
 @pytest.mark.parametrize(
     ("stood", "beside", "found"),
     [
-        # of two that meet the place, the one that meets the attitude, though it is further; else the nearer
+        # of two with the right position the one with the right attitude, though it is farther; else the nearer one
         (NOWHERE, [(0.1, 0.0, 5e-4, True), (0.2, 0.0, 0.0, True)], (0.2, 0.0, 0.0)),
         (NOWHERE, [(0.2, 0.0, 1e-10, True), (0.1, 0.0, 9e-10, True)], (0.1, 0.0, 9e-10)),
-        # the place comes first
+        # the position comes first
         (NOWHERE, [(0.1, 1e-3, 0.0, True), (0.2, 0.0, 3e-3, True)], (0.2, 0.0, 3e-3)),
-        # no nearer than without, or nowhere: kept
+        # no nearer than without compensation, or not settled: kept
         (NOWHERE, [(0.1, 9e-3, 2e-3, True)], None),
         (NOWHERE, [(0.1, 9e-3, 0.0, True)], None),
         (NOWHERE, [NOWHERE], None),
-        # where Newton stood still: if that is nearer, and the attitude is no price
+        # where Newton's method did not move: if that is nearer, and the attitude is no worse for it
         ((0.0, 2e-3, 1e-3, True), [(0.1, 3e-3, 0.0, True)], (0.0, 2e-3, 1e-3)),
         ((0.0, 0.0, 5e-4, True), [(0.1, 0.0, 6e-4, True)], (0.0, 0.0, 5e-4)),
         ((0.0, 2e-3, 2e-3, True), [NOWHERE], None),
         ((0.0, 0.0, 2e-3, True), [(0.1, 0.0, 0.0, True)], (0.1, 0.0, 0.0)),
     ],
 )
-def test_what_counts_of_what_is_found(files, monkeypatch, stood, beside, found):
+def test_which_of_the_solutions_found_is_chosen(files, monkeypatch, stood, beside, found):
     assert searched(files, monkeypatch, stood, *beside) == (found and pytest.approx(found, abs=1e-12))

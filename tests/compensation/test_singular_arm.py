@@ -1,6 +1,6 @@
 """An arm of seven joints on a rail, all at zero: stretched out, all its axes in two directions. Its own kinematics.
 
-The drives command three freedoms there and six nearby, so the others are found only from nearby poses.
+The drives command three freedoms there and six nearby, so the missing ones are found from nearby poses only.
 """
 
 import numpy as np
@@ -47,7 +47,7 @@ def arm(tmp_path_factory):
 
 
 def tool(drives, *, built):
-    """Return the rotation (3, 3) and the place (3,), in m, of the tool, as drawn or as built."""
+    """Return the rotation (3, 3) and the position (3,), in m, of the tool, as drawn or as built."""
     rail, *angles = drives
     rotation, place = np.eye(3), np.array([rail, 0.0, 0.4])
     for name, angle, axis, rise in zip(NAMES, angles, AXES, RISES, strict=True):
@@ -59,7 +59,7 @@ def tool(drives, *, built):
 
 
 def missing(drives, wanted):
-    """Return how far off the place (m) and the attitude (rad) of the arm as built are from the wanted one as drawn."""
+    """Return the errors of position (m) and attitude (rad) of the arm as built against the wanted pose as drawn."""
     (turned, at), (rotation, place) = tool(drives, built=True), tool(wanted, built=False)
     return np.linalg.norm(at - place), np.linalg.norm(pin.log3(turned @ rotation.T))
 
@@ -67,27 +67,27 @@ def missing(drives, wanted):
 @pytest.mark.parametrize(
     "bent", [(0.0,) * 7, (0.3, 0.0, 0.0, 0.0, -0.2, 0.0, 0.5), (0.0, 2e-5, 0.0, 0.0, 0.0, 0.0, 0.0)]
 )
-def test_what_is_within_reach_is_met(arm, bent):
+def test_a_target_within_reach_is_met(arm, bent):
     wanted = np.array([1.5, *bent])
     found = compensate_drives(arm, arm.location_at(wanted))
     drives = np.array(list(found.drives.values()))
     assert max(missing(wanted, wanted)) > 1e-3
     assert max(missing(drives, wanted)) < 1e-9
     assert found.status == "reached + singular"
-    # Near it: to be 1.6 mm shorter it bends some degrees, and the rail makes up for some centimetres.
+    # Nearby: to be 1.6 mm shorter it bends by some degrees, and the rail makes up for some centimetres.
     assert np.degrees(np.abs(drives[1:] - wanted[1:])).max() < 12.0
     assert abs(drives[0] - wanted[0]) < 0.1
 
 
-def test_elsewhere_it_is_no_search(arm):
+def test_at_regular_poses_there_is_no_such_search(arm):
     wanted = np.array([1.5, 0.2, 0.4, -0.3, 0.9, 0.2, 0.7, -0.4])
     found = compensate_drives(arm, arm.location_at(wanted))
     assert max(missing(list(found.drives.values()), wanted)) < 1e-9
     assert found.status == "reached"
 
 
-def test_of_each_unit_the_drive_that_goes_furthest_is_said(arm):
-    """Over all poses, whichever they are; in mm and degrees."""
+def test_the_drive_that_goes_farthest_is_reported_for_each_unit(arm):
+    """Over all poses, in mm and degrees."""
     wanted = [[1.5, bent, 0.0, 0.0, 0.0, -bent, 0.0, 0.0] for bent in (0.0, 0.3)]
     found = [compensate_drives(arm, arm.location_at(drives)) for drives in wanted]
     ways = np.array([[abs(one.drives[name] - one.wanted.drives[name]) for name in one.drives] for one in found])
