@@ -117,7 +117,7 @@ def test_beyond_its_reach_it_keeps_its_drives_and_reports_it(files, tmp_path, ca
 
 
 def test_a_rotation_that_no_drive_corrects_is_reported(files):
-    """With a leaning quill the tool is positioned, stretched out as elsewhere; its lean, which no drive turns, stays."""
+    """With a leaning quill the tool is positioned, stretched out as elsewhere; its lean stays, as no drive turns it."""
     place = JointPlacement(translation_mm=(8.0, 0.0, 0.0), rotation_mrad=(0.5, 0.2, 0.0))
     model = RobotModel.for_robot(files / "robot.yaml").model_copy(update={"joint_placements": {"j3": place}})
     robot = Robot(model)
