@@ -60,7 +60,7 @@ def start_of(mechanism, spin=0.0):
 
 
 def strut_star():
-    """Return the same with balls of three hinges each, and the crank a body of its own: a star of two chains."""
+    """Return the same with balls of three hinges each and a separate body for the crank: a star of two chains."""
     parts = [
         joint("hinge", "base", "arm", "revolute"),
         joint("hinge_tip", "arm", "arm_end", "fixed", f"{CRANK} 0 0"),

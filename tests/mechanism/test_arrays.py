@@ -10,7 +10,7 @@ from pouring_robot.mechanism.arrays import evenly_spaced, finite
 
 @pytest.mark.parametrize("count", [0, 1, 2, 7, 100, 101, 12345])
 @pytest.mark.parametrize("most", [1, 2, 7, 100])
-def test_all_or_as_many_as_asked_evenly_spread(count, most):
+def test_all_or_as_many_as_asked_for_evenly_spread(count, most):
     chosen = evenly_spaced(count, most)
     assert len(chosen) == min(count, most)
     if count <= most:
@@ -42,6 +42,6 @@ def test_numbers_are_copied_and_an_empty_list_is_no_rows():
         [[object()] * 3],
     ],
 )
-def test_what_is_more_than_numbers_is_not_passed_over(values):
+def test_values_that_are_more_than_numbers_are_not_accepted_silently(values):
     with pytest.raises(BadInputError, match="three numbers"):
         finite(values, (None, 3), "three numbers")

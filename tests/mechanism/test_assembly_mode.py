@@ -56,7 +56,7 @@ def close(mechanism, **options):
 
 
 def behind(error):
-    """Return how far the crank stays behind the pin, in rad, in the mode that grows out of no error."""
+    """Return the lag of the crank behind the pin, in rad, in the mode that grows from zero error."""
     return brentq(lambda u: u + RATIO * np.sin(u) - error - LEVER, 0.0, FOLD, xtol=1e-15)
 
 
@@ -70,22 +70,22 @@ def test_the_mode_is_followed_up_to_its_end(share, end_frame):
 
 
 @pytest.mark.parametrize("most", [240, 8], ids=["it jumps", "or Newton does not settle"])
-def test_where_it_ends_it_is_refused_with_the_share_and_all_steps(most):
+def test_where_the_mode_ends_it_is_refused_with_the_share_and_all_steps(most):
     whole, steps = 1.2 * LARGEST, 80
     with pytest.raises(ClosureError, match=r"^the loops do not close: the drawing's assembly mode ends at") as refused:
         close(magnet(whole), refinements=(1, 8), max_iterations=most)
     assert refused.value.status == "assembly mode ends"
     told = float(re.search(r"ends at ([\d.]+)% of the errors", str(refused.value))[1]) / 100
-    # The well becomes flat at its end, so that Newton may leave it a few steps earlier, but never later.
+    # The well becomes flat at its end, so Newton's method may leave it a few steps earlier, but never later.
     assert LARGEST / whole - 6 / steps < told <= LARGEST / whole
     assert told * steps == pytest.approx(round(told * steps), abs=0.05)
-    # What is told of the gaps is of the last place in the mode.
+    # The reported gaps are those of the last state in the mode.
     assert refused.value.gap_rad == pytest.approx(LEVER + told * whole - behind(told * whole), abs=2e-3)
-    # Every step of growth, coarse and fine, takes at least two of Newton's.
+    # Every step of growth, coarse and fine, takes at least two Newton steps.
     assert 2 * told * steps < refused.value.iterations < 10 * steps
 
 
-def test_growing_is_what_one_would_do_by_hand():
+def test_growth_equals_closing_step_by_step_by_hand():
     """The mechanism without its error is closed first, then with a tenth of it, with two; all Newton steps count."""
     error, at_once = 0.8 * LARGEST, ClosureOptions(most_steps=1)
     configuration, steps = magnet(0.0).neutral_configuration(), 0
@@ -97,11 +97,11 @@ def test_growing_is_what_one_would_do_by_hand():
     assert grown.iterations == steps
 
 
-def test_growth_that_is_not_smooth_is_made_finer():
+def test_growth_that_is_not_smooth_is_refined():
     error = 0.8 * LARGEST
     plain, always = close(magnet(error)), close(magnet(error), smooth_below=0, refinements=(1, 3))
     np.testing.assert_allclose(always.configuration, plain.configuration, rtol=0, atol=1e-12)
-    # Thirty steps, and the first of the ten that was not smooth.
+    # Thirty steps, plus the first of the ten, which was not smooth.
     assert always.iterations > 2 * plain.iterations
     again = close(magnet(error), smooth_below=1000, refinements=(1, 3))
     assert again.iterations == plain.iterations

@@ -34,7 +34,7 @@ def test_columns_of_the_robot(drawing):
     assert not locked & set(mechanism.closing_columns.tolist())
 
 
-def test_a_frame_on_the_end_body_sits_where_any_configuration_has_it(drawing):
+def test_a_frame_on_the_end_body_does_not_depend_on_the_configuration(drawing):
     mechanism = drawing.nominal_solver.mechanism
     model, data = mechanism.copy_model(), mechanism.copy_model().createData()
     step = np.random.default_rng(1).normal(size=model.nv)
@@ -54,8 +54,8 @@ def test_a_frame_on_the_end_body_sits_where_any_configuration_has_it(drawing):
         mechanism.with_joint_values(mechanism.neutral_configuration(), [0.5, 0.5, 0.5, 0.0])
 
 
-def test_closing_does_not_depend_on_the_cut_when_the_loops_close(drawing):
-    """Without the cut the platform stays on chain 1, whose loop then closes by itself."""
+def test_the_closure_does_not_depend_on_the_cut_when_the_loops_close(drawing):
+    """Without the cut the platform stays on chain 1, whose loop is then closed by itself."""
     loops = drawing.model.definition.loops
     uncut = loops.model_copy(update={"cut_joints": (), "loops": loops.loops[1:]})
     solver = ClosureSolver(ClosedChainMechanism(drawing.model.definition.urdf(), uncut))
@@ -99,7 +99,7 @@ def test_broken_urdf(urdf):
     assert "\n" not in str(caught.value)
 
 
-def test_pickles_and_still_closes(crooked):
+def test_it_can_be_pickled_and_still_closes(crooked):
     (pose,) = random_poses(1, seed=61)
     location = crooked.locate(pose)
     again = pickle.loads(pickle.dumps(crooked.actual_solver.mechanism))
@@ -109,14 +109,14 @@ def test_pickles_and_still_closes(crooked):
     assert found.configuration == pytest.approx(location.actual.configuration, abs=1e-13)
 
 
-def test_a_copy_of_the_model_is_free_to_change(drawing):
+def test_a_copy_of_the_model_can_be_changed(drawing):
     mechanism = drawing.nominal_solver.mechanism
     before = mechanism.shared_model.jointPlacements[3].translation.copy()
     mechanism.copy_model().jointPlacements[3].translation += 1.0
     assert mechanism.shared_model.jointPlacements[3].translation.tolist() == before.tolist()
 
 
-def test_joint_values_go_in_and_come_out():
+def test_joint_values_survive_a_round_trip():
     urdf = FIVE_BAR.replace('name="a_j2" type="revolute"', 'name="a_j2" type="continuous"')
     mechanism = ClosedChainMechanism(urdf, LoopsFile(drives=("a_j1", "b_j1"), loops=(LOOP,)))
     values = {"a_j1": 0.3, "a_j2": -2.5, "b_j1": 1.2, "b_j2": -0.7}
@@ -130,7 +130,7 @@ def test_joint_values_go_in_and_come_out():
     assert mechanism.joint_limits() == dict.fromkeys(("a_j1", "b_j1", "b_j2"), (-3.2, 3.2))
 
 
-def test_limits_that_only_say_that_there_are_none_are_none():
+def test_limits_that_mean_unlimited_are_no_limits():
     urdf = FIVE_BAR.replace('lower="-3.2" upper="3.2"', 'lower="-1e+16" upper="1e+16"', 1)
     limits = ClosedChainMechanism(urdf, LoopsFile(drives=("a_j1", "b_j1"), loops=(LOOP,))).joint_limits()
     assert {*limits} == {"a_j2", "b_j1", "b_j2"}

@@ -1,4 +1,4 @@
-"""Closing the loops: against an independent formulation, against itself from other starts, and its failures."""
+"""Closing the loops: against an independent formulation, against itself in other orders, and its failures."""
 
 import itertools
 
@@ -73,7 +73,7 @@ def test_agrees_with_all_60_oracle_poses(drawing):
 
 
 class PlainRobot:
-    """The four chains read from the URDF text, moved by homogeneous matrices; nothing of Pinocchio."""
+    """The four chains read from the URDF text, moved by homogeneous matrices, without Pinocchio."""
 
     def __init__(self, urdf):
         self.joints = {joint.get("name"): joint for joint in etree.fromstring(urdf.encode()).iterfind("joint")}
@@ -154,10 +154,10 @@ def test_agrees_with_plain_kinematics_and_scipy_when_the_loops_stay_open(very_cr
     assert pose_gap(location.actual.pose_base_to_end, pin.SE3(matrix)) == pytest.approx([0.0, 0.0], abs=2e-8)
 
 
-# --- all chains count alike ---------------------------------------------------------------------------
+# --- all chains are equivalent --------------------------------------------------------------------------
 
 
-# Each chain carries the platform, with the others behind it in one order and its reverse: a description takes a second.
+# Each chain carries the platform, the others follow in one order and its reverse: a description takes a second.
 ORDERS = [
     order for order in itertools.permutations(CHAINS) if sorted(order[1:]) in (list(order[1:]), list(order[:0:-1]))
 ]
@@ -192,7 +192,7 @@ def test_the_order_of_the_loops_does_not_matter(crooked, order):
         assert found.residual == pytest.approx(location.actual.residual[list(order)], abs=1e-10)
 
 
-def test_where_the_truss_stands_does_not_matter(crooked):
+def test_the_position_of_the_truss_does_not_matter(crooked):
     (pose,) = random_poses(1, seed=5)
     location = crooked.locate(pose)
     travels = {"truss_travel": 4.3, "trolley_travel": -0.6}
@@ -219,7 +219,7 @@ def test_inverse_then_closure_returns_every_pose_of_the_box(drawing):
     assert worst == pytest.approx([0.0, 0.0], abs=1e-10)
 
 
-def test_from_20_mm_and_50_mrad_off_every_pose_is_found_again(drawing):
+def test_every_pose_is_found_again_from_20_mm_and_50_mrad_away(drawing):
     random = np.random.default_rng(8)
     solver = drawing.nominal_solver
     worst, most = [0.0, 0.0], 0
@@ -246,7 +246,7 @@ def test_the_robot_as_built_is_found_from_far_as_from_near(crooked):
 # --- over-constraint ------------------------------------------------------------------------------------
 
 
-def test_two_equations_are_redundant_until_an_axis_is_off(drawing, crooked):
+def test_two_equations_are_redundant_unless_an_axis_is_off(drawing, crooked):
     for pose in random_poses(20, seed=12):
         location = crooked.locate(pose)
         assert (location.nominal.rank, location.nominal.freedoms) == (22, 4)
@@ -264,17 +264,17 @@ def test_centre_and_length_errors_close_exactly(drawing):
         start, drives = start_and_drives(drawing, pose)
         found = solver.solve(drives, start)
         assert max(found.gap_m, found.gap_rad) < 1e-12
-        # Distances between the displaced centres are what the drives say, whatever else the closure does.
+        # Distances between the displaced centres are what the drives command, whatever else the closure does.
         for i in (1, 2):
             span = found.pose(f"leg{i}_s1", f"leg{i}_seat").translation
             assert np.linalg.norm(span) == pytest.approx(drives[f"leg{i}_s3"], abs=1e-12)
         span = np.linalg.norm(found.pose("leg3_s1", "leg3_seat").translation)
-        # The axis points down, so the rod's shift of 3 mm up along it takes 3 mm off the leg.
+        # The axis points down, so the rod's shift of 3 mm up along it shortens the leg by 3 mm.
         assert span == pytest.approx(drives["leg3_s3"] - 0.003, abs=1e-12)
 
 
 def wrench_on_platform(result):
-    """Return the sum of the loops' wrenches on the platform: force and moment at its origin, its own axes."""
+    """Return the sum of the loops' wrenches on the platform: force and moment at its origin, in its own axes."""
     total = np.zeros(6)
     for loop, residual, load in zip(result.mechanism.loops.loops, result.residual, result.internal_wrench, strict=True):
         seat_from_foot = result.pose(loop.frame_a, loop.frame_b)
@@ -287,7 +287,7 @@ def test_without_weight_the_chains_forces_on_the_platform_balance(very_crooked):
     for pose in random_poses(10, seed=14):
         actual = very_crooked.locate(pose).actual
         largest = np.abs(actual.internal_wrench).max()
-        assert largest > 1.0  # N or Nm: there is something to balance
+        assert largest > 1.0  # N or Nm: the forces are not zero
         assert np.abs(wrench_on_platform(actual)).max() < 1e-7 * largest
 
 
@@ -320,7 +320,7 @@ def test_with_weight_the_chains_carry_platform_ladle_and_payload(very_crooked):
 
 
 def hanger(roof_height):
-    """Return a weight of 300 kg that hangs on a rod of 20 kg, which a drive lets down from the roof."""
+    """Return a weight of 300 kg that hangs on a rod of 20 kg, which a drive lowers from the roof."""
     inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
     urdf = (
         '<robot name="hanger"><link name="hall"/><link name="roof"/><link name="hook"/><link name="eye"/>'
@@ -346,7 +346,7 @@ def hanger(roof_height):
 
 @pytest.mark.parametrize("roof_height", [10.0, 1.2, 0.0], ids=lambda height: f"roof at {height} m")
 def test_a_hanging_body_stretches_drive_and_joint_by_force_over_stiffness(roof_height):
-    """Whatever the height from which potential energy counts: above, at, or below zero."""
+    """Whatever the datum of the potential energy: above, at, or below zero."""
     mechanism = hanger(roof_height)
     solver = ClosureSolver(mechanism, Loads(gravity=True, drive_stiffness={"lift": 4e6}))
     found = solver.solve({"lift": 1.0}, mechanism.neutral_configuration())
@@ -356,7 +356,7 @@ def test_a_hanging_body_stretches_drive_and_joint_by_force_over_stiffness(roof_h
     assert found.pose_base_to_end.translation == pytest.approx([0, 0, -1.0 - stretch - gap], abs=1e-9)
 
 
-def test_a_drive_that_could_yield_does_not_when_nothing_pulls():
+def test_a_compliant_drive_does_not_deflect_without_load():
     mechanism = hanger(0.0)
     solver = ClosureSolver(mechanism, Loads(drive_stiffness={"lift": 4e6}))
     found = solver.solve({"lift": 1.0}, mechanism.neutral_configuration())
@@ -364,7 +364,7 @@ def test_a_drive_that_could_yield_does_not_when_nothing_pulls():
 
 
 def test_a_mechanism_that_is_closed_already_takes_two_steps_of_exactly_zero():
-    """Links that turn about vertical axes: the weight does no work, and nothing is left to do at the start."""
+    """Links that turn about vertical axes: the weight does no work, and the start is already closed."""
     urdf = planar_urdf("flat", [("a", 0.0, [0.5, 0.5]), ("b", 0.5, [0.25, 0.25])]).replace("0 1 0", "0 0 1")
     loops = LoopsFile(drives=("a_j1",), loops=({"name": "tips", "frame_a": "a_tip", "frame_b": "b_tip"},))
     mechanism = ClosedChainMechanism(urdf, loops)
@@ -389,7 +389,7 @@ def test_drives_yield_by_virtual_work_over_stiffness(drawing):
     data = model.createData()
     pose = PlatformPose((-0.1, 0.02, -0.6), 0.3)
     start, drives = start_and_drives(drawing, pose)
-    # Ten thousand times stiffer loops than shipped: the layout is weak sideways, and rigid motion is compared.
+    # Loops ten thousand times stiffer than shipped: the layout is weak sideways, and rigid motion is compared.
     stiff = with_stiffness(rigid.mechanism, 1e12, 1e9)
     loaded = ClosureSolver(stiff, Loads(gravity=True, drive_stiffness=dict.fromkeys(drives, 1e9)))
     yielded = loaded.solve(drives, start).joint_values
@@ -417,7 +417,7 @@ def ladle_shifts(drawing, mechanisms, poses):
 
 
 @pytest.mark.parametrize(("axis_mrad", "limit"), [(4.0, 3e-3), (0.4, 1e-3)])
-def test_the_ladle_hardly_depends_on_the_ratio_of_stiffness(drawing, axis_mrad, limit):
+def test_the_ladle_hardly_depends_on_the_ratio_of_stiffnesses(drawing, axis_mrad, limit):
     """sqrt(k_rot / k_trans) up to 0.1 m changes the displacement by less than the limit."""
     random = np.random.default_rng(21)
     shifts = []
@@ -437,7 +437,7 @@ def test_the_ladle_hardly_depends_on_the_ratio_of_stiffness(drawing, axis_mrad, 
 
 
 @pytest.mark.parametrize("length_m", [0.01, 0.0316, 0.1])
-def test_one_crooked_seat_closes_whatever_the_ratio_of_stiffness(drawing, length_m):
+def test_one_crooked_seat_closes_whatever_the_ratio_of_stiffnesses(drawing, length_m):
     placements = {"leg1_seat_mount": displacement(rotation_rad=(0.0, 0.0, 0.004))}
     mechanism = with_stiffness(perturbed(drawing.nominal_solver.mechanism, placements), 1e8, 1e8 * length_m**2)
     solver = ClosureSolver(mechanism)
@@ -474,10 +474,10 @@ def test_four_bar_follows_its_closed_form():
         assert (found.rank, found.freedoms) == (3, 1)
 
 
-# --- what is handed out -----------------------------------------------------------------------------------
+# --- results --------------------------------------------------------------------------------------------
 
 
-def test_a_result_stays_as_it_was_found(very_crooked):
+def test_a_result_cannot_be_changed_afterwards(very_crooked):
     solver = very_crooked.actual_solver
     start, drives = start_and_drives(very_crooked, PlatformPose((-0.1, 0.0, -0.6), 0.2))
     given = solver.mechanism.with_joint_values(start, drives)
@@ -485,7 +485,7 @@ def test_a_result_stays_as_it_was_found(very_crooked):
     for name in ("configuration", "residual", "internal_wrench", "jacobian", "commanded"):
         with pytest.raises(ValueError, match="read-only"):
             getattr(found, name)[0] = 0.0
-    # What the caller gave is still the caller's.
+    # The caller's own arrays stay the caller's.
     held = found.commanded.copy()
     given += 1.0
     assert found.commanded.tolist() == held.tolist()
@@ -500,7 +500,7 @@ def test_a_result_stays_as_it_was_found(very_crooked):
 # --- failures ----------------------------------------------------------------------------------------------
 
 
-def test_legs_that_cannot_meet_say_which_loop_stays_open(drawing):
+def test_legs_that_cannot_meet_name_the_loop_that_stays_open(drawing):
     start, drives = start_and_drives(drawing, PlatformPose((-0.1, 0.0, -0.6), 0.0))
     with pytest.raises(ClosureError, match=r"^the loops do not close: .* mm and .* mrad") as caught:
         drawing.nominal_solver.solve(drives | {"leg1_s3": 0.3, "leg2_s3": 0.3, "leg3_s3": 1.1}, start)
@@ -511,7 +511,7 @@ def test_legs_that_cannot_meet_say_which_loop_stays_open(drawing):
     assert "\n" not in str(error)
 
 
-def test_parts_that_do_not_fit_are_told_from_newton_that_does_not_settle(very_crooked):
+def test_parts_that_do_not_fit_are_distinguished_from_a_search_that_does_not_converge(very_crooked):
     pose = PlatformPose((-0.1, 0.0, -0.6), 0.2)
     start, drives = start_and_drives(very_crooked, pose)
     narrow = ClosureSolver(very_crooked.actual_solver.mechanism, options=ClosureOptions(max_gap_rad=1e-4))

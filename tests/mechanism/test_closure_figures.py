@@ -1,4 +1,4 @@
-"""Figures of a closure for a body that is pulled in several directions: equilibrium and all figures in closed form."""
+"""The figures of a closure, for a body that is pulled several ways: its rest and every figure in closed form."""
 
 import dataclasses
 
@@ -17,9 +17,9 @@ STIFFNESS_N_M, STIFFNESS_NM_RAD = 1e8, 1e5
 
 
 def pulled(*seats, redundant=True):
-    """Return a body that seats hold at once, each on a slide along AXIS and a hinge about it, both driven.
+    """Return a body held by several seats, each on a slide along AXIS and a hinge about it, both driven.
 
-    Slides and turns about one axis commute, so the energy is a sum of squares, and the body rests at the mean.
+    Slides and rotations about one axis commute, so the energy is a sum of squares, and the body rests at the mean.
     """
     axis = " ".join(map(repr, AXIS.tolist()))
     parts = ['<robot name="pulled"><link name="base"/>', joint("mount", "base", "body", "fixed")]
@@ -58,7 +58,7 @@ def test_a_body_pulled_two_ways_rests_half_way_and_every_figure_follows():
     force, torque = STIFFNESS_N_M * way / 2, STIFFNESS_NM_RAD * turn / 2
     assert (found.internal_force_n, found.internal_torque_nm) == pytest.approx((force, torque), rel=1e-9)
     assert found.energy == pytest.approx(force * way / 2 + torque * turn / 2, rel=1e-9)
-    # Six equations hold the body and two that the seats stand alike; four drives and the body had ten freedoms.
+    # Six equations hold the body, two make the seats agree; four drives and the body had ten freedoms.
     assert (found.rank, found.freedoms, found.idle_joints) == (8, 2, ())
     assert found.headline == f"left open 6.05e+03 µm and 25.1 mrad after {found.iterations} iterations"
     table = found.to_frame()
@@ -70,8 +70,8 @@ def test_a_body_pulled_two_ways_rests_half_way_and_every_figure_follows():
 
 
 @pytest.mark.parametrize(("place", "limit"), [((0.0198, 0.0), 0.0099), ((0.0, 0.198), 0.099)])
-def test_parts_fit_up_to_the_gap_that_is_allowed(place, limit):
-    """As shipped 10 mm and 0.1 rad; the body between two seats leaves half of what they are apart open."""
+def test_parts_fit_up_to_the_allowed_gap(place, limit):
+    """By default 10 mm and 0.1 rad; the body between two seats leaves half of their distance open on each side."""
     mechanism, name = pulled("left", "right", redundant=False), "max_gap_m" if place[0] else "max_gap_rad"
     gap = max(place) / 2
     found = pull(mechanism, {"right": place})
@@ -85,15 +85,15 @@ def test_parts_fit_up_to_the_gap_that_is_allowed(place, limit):
     assert (error.status, error.iterations) == ("left open too far", found.iterations)
     with pytest.raises(ClosureError, match="the parts do not fit together"):
         pull(mechanism, {"right": 1.02 * np.array(place)})
-    # Drives that need not agree leave open what they leave open.
+    # Redundant drives may leave any gap open.
     agreed = pull(pulled("left", "right"), {"right": 1.02 * np.array(place)})
     assert max(agreed.gap_m, agreed.gap_rad) == pytest.approx(1.02 * gap, rel=1e-9)
 
 
 @pytest.mark.parametrize("order", [("p", "q", "r"), ("r", "q", "p"), ("q", "p", "r")])
 @pytest.mark.parametrize(("way", "turn", "worst"), [(0.03, 0.15, "q"), (0.03, 0.6, "r"), (-0.03, 0.15, "q")])
-def test_the_worst_loop_is_named_where_a_metre_counts_as_ten_radians(order, way, turn, worst):
-    """Three seats: one stands, one slides, one turns; each is off the mean by two thirds of what it moves."""
+def test_the_worst_loop_is_found_with_a_metre_counted_as_ten_radians(order, way, turn, worst):
+    """Three seats: one is fixed, one slides, one turns; each is off the mean by two thirds of the motion."""
     mechanism = pulled(*order)
     with pytest.raises(ClosureError) as stopped:
         ClosureSolver(mechanism, options=ClosureOptions(max_iterations=1)).solve(
@@ -105,7 +105,7 @@ def test_the_worst_loop_is_named_where_a_metre_counts_as_ten_radians(order, way,
     assert (error.gap_m, error.gap_rad) == pytest.approx((2 / 3 * abs(way), 2 / 3 * turn), rel=1e-6)
 
 
-def test_a_configuration_known_to_be_closed_is_taken_as_it_is():
+def test_a_configuration_known_to_be_closed_is_taken_unchanged():
     mechanism = pulled("left", "right")
     found = pull(mechanism, {"right": (0.012, 0.05)})
     again = ClosureSolver(mechanism).result_at(found.configuration)
@@ -125,7 +125,7 @@ def test_options_and_results_cannot_be_changed():
 
 
 def test_larger_errors_grow_in_more_steps():
-    """One step up to 20 mrad; beyond, one for each 7 mrad, ten at most."""
+    """One step up to 20 mrad; beyond, one for every 7 mrad, at most ten."""
     steps = ClosureOptions().growth_steps(np.array([0.0, 0.0199, 0.0201, 0.0209, 0.0211, 0.0629, 0.0631, 3.0]))
     assert steps.tolist() == [1, 1, 3, 3, 4, 9, 10, 10]
     assert ClosureOptions(growth_step=0.1, most_steps=3).growth_steps(0.25) == 3

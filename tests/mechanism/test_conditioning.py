@@ -26,7 +26,7 @@ LOADS = Loads(
 
 
 def by_drives(solver, result):
-    """Return G by the drives alone: the Jacobians of the platform and of all joints."""
+    """Return G with respect to the drives only: the Jacobians of the platform and of all joints."""
     return closed_chain_transfer(solver, result, drive_parameters(solver.mechanism))
 
 
@@ -64,7 +64,7 @@ def test_platform_and_passive_joints_against_central_differences(drawing, solver
         result = solver.solve(drives, drawing.kinematics.configuration(pose))
         found = by_drives(solver, result)
         platform, joints = by_closing_again(solver, result, drives)
-        # A yielding drive moves less than commanded; rows of the floating platform joint are the tree's business.
+        # A compliant drive moves less than commanded; rows of the floating platform joint belong to the tree.
         assert relative_error(found.matrix, platform) < 1e-6
         assert relative_error(found.joints, joints) < 1e-6
         with pytest.raises(ValueError, match="read-only"):
@@ -79,7 +79,7 @@ def test_nominal_platform_against_the_closed_form_of_the_inverse(drawing):
         r = pose.tilt_rad
         turned = moving @ np.array([[np.cos(r), 0, -np.sin(r)], [0, 1, 0], [np.sin(r), 0, np.cos(r)]])
         legs = np.array(pose.position_m) + turned - fixed
-        by_tilt = np.stack([turned[:, 2], np.zeros(4), -turned[:, 0]], axis=-1)  # y axis × turned
+        by_tilt = np.stack([turned[:, 2], np.zeros(4), -turned[:, 0]], axis=-1)  # y axis × rotated vector
         inverse = np.zeros((4, 4))
         for k in range(3):
             along = legs[k] / np.linalg.norm(legs[k])
@@ -93,7 +93,7 @@ def test_nominal_platform_against_the_closed_form_of_the_inverse(drawing):
         lost = round_off(condition, np.abs(found).max(), terms=size)
         assert lost < 1e-6
         assert found[list(TASK_ROWS)] == pytest.approx(np.linalg.inv(inverse), rel=0, abs=lost)
-        # The drawing's platform neither rolls nor yaws.
+        # The nominal platform neither rolls nor yaws.
         assert found[[3, 5]] == pytest.approx(np.zeros((2, 4)), abs=lost)
 
 
@@ -129,7 +129,7 @@ def test_five_bar_against_the_closed_form():
 
 
 def test_four_leg_drives_are_singular_everywhere(drawing):
-    """Each pair of legs lies in one plane, and a planar four-bar keeps a freedom."""
+    """Each pair of legs lies in one plane, and a planar four-bar keeps one freedom."""
     loops = drawing.model.definition.loops.model_copy(update={"drives": tuple(f"leg{i}_s3" for i in (1, 2, 3, 4))})
     solver = ClosureSolver(ClosedChainMechanism(drawing.model.definition.urdf(), loops))
     for pose in random_poses(5, seed=42):
@@ -148,7 +148,7 @@ def test_dexterity_of_known_jacobians():
     # The tilt row is scaled up and the angular drive's column down by the length, so 0.5 stays.
     assert (serial.condition, serial.singularity) == (pytest.approx(8.0), "parallel")
     assert serial.distance == pytest.approx(0.25)
-    # Without loops nothing can gain a freedom, however near its inverse is.
+    # Without loops no freedom can be gained, however near its inverse is.
     tree = dexterity(platform, (True, True, True, False), 0.4, TASK_ROWS, closed=False)
     assert (tree.condition, tree.singularity, tree.distance) == (serial.condition, "serial", pytest.approx(0.5))
     platform[4, 3] = 0.1
@@ -164,7 +164,7 @@ def test_dexterity_does_not_depend_on_the_unit_of_length(drawing):
     found = by_drives(drawing.actual_solver, location.actual).matrix
     prismatic = (True, True, True, False)
     in_m = dexterity(found, prismatic, 0.4, TASK_ROWS)
-    # The same in mm: linear rows and angular columns change, the characteristic length too.
+    # The same in mm: linear rows and angular columns change, and so does the characteristic length.
     platform = found.copy()
     platform[:3] *= 1e3
     platform[:, :3] /= 1e3

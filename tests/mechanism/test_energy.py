@@ -1,4 +1,4 @@
-"""Exact derivatives of the closure energy against central differences, on and off the closed configurations."""
+"""Exact derivatives of the closure energy against central differences, at closed and at open configurations."""
 
 import numpy as np
 import pinocchio as pin
@@ -29,7 +29,7 @@ LOADS = Loads(
 
 
 def five_bar(*kinds):
-    """Return a five-bar whose tips meet, and whose first links are tied by a second, three-dimensional loop."""
+    """Return a five-bar whose tips meet, with its first links connected by a second, three-dimensional loop."""
     loops = [{"name": "tips", "frame_a": "a_tip", "frame_b": "b_tip", "type": kinds[0]}]
     if len(kinds) > 1:
         loops.append({"name": "tie", "frame_a": "a_l1", "frame_b": "b_l2", "type": kinds[1]})
@@ -38,7 +38,7 @@ def five_bar(*kinds):
 
 @pytest.fixture(params=["closed", "crooked", "loaded", "3d", "6d and 3d"])
 def case(request, drawing, very_crooked):
-    """An energy and a configuration: exactly closed, or open by 4 mrad, or anything."""
+    """An energy and a configuration: exactly closed, open by 4 mrad, or arbitrary."""
     (pose,) = random_poses(1, seed=30)
     if request.param == "closed":
         return ClosureEnergy(drawing.nominal_solver.mechanism), drawing.kinematics.configuration(pose)
@@ -94,7 +94,7 @@ def test_gradient(away):
 
     expected = central_differences(height, energy.model, configuration, step=1e-4)
     state = energy.evaluate(configuration, commanded)
-    # At the minimum itself the gradient is a small difference of large parts: measure it by those.
+    # At the minimum itself the gradient is a small difference of large parts, which give the scale.
     parts = np.abs(state.jacobian.reshape(-1, energy.model.nv)).T @ np.abs(state.wrench.ravel())
     assert np.abs(state.gradient - expected).max() < 1e-6 * max(np.abs(expected).max(), parts.max(), 1.0)
 
@@ -109,14 +109,14 @@ def test_hessian(away):
     expected = 0.5 * (difference + difference.T)
     found = energy.hessian(energy.evaluate(configuration, commanded))
     assert relative_error(found, expected) < 1e-6
-    # Stiff entries must not hide wrong soft ones: compare the curvature beyond J^T K J by itself too.
+    # Stiff entries must not hide wrong soft ones: compare the curvature beyond J^T K J separately, too.
     stiff = energy.gauss_newton_hessian(energy.evaluate(configuration, commanded))
     extra = expected - stiff
     if np.abs(extra).max() > 1e-5 * np.abs(expected).max():
         assert relative_error(found - stiff, extra) < 1e-4
 
 
-def test_payload_is_weight_at_its_place(drawing):
+def test_payload_is_a_weight_at_its_position(drawing):
     """The potential of the payload, by hand: m g times the height of its centre."""
     mechanism = drawing.nominal_solver.mechanism
     (pose,) = random_poses(1, seed=32)
@@ -130,7 +130,7 @@ def test_payload_is_weight_at_its_place(drawing):
     added = np.diff([energy.evaluate(configuration, configuration).energy for energy in energies]).item()
     height = location.nominal.pose("universe", "ladle").act(np.array(place))[2]
     assert added == pytest.approx(420.0 * GRAVITY_M_S2 * height, rel=1e-10)
-    # The mechanism itself, which others share, has gained nothing.
+    # The mechanism itself, which others share, is unchanged.
     masses = [sum(i.mass for i in mechanism.copy_model().inertias), sum(i.mass for i in energies[0].model.inertias)]
     assert masses[0] == masses[1]
 
@@ -161,7 +161,7 @@ def test_log_wrench_derivative(size):
     random = np.random.default_rng(34)
     for _ in range(20):
         pose = pin.exp6(pin.Motion(random.uniform(-size, size, 6)))
-        # K e with any stiffness, held while Jlog alone moves.
+        # K e with any stiffness, constant while only Jlog changes.
         load = random.uniform(-1.0, 1.0, 6)
         columns = []
         for direction in np.eye(6):
@@ -206,14 +206,14 @@ def test_loads_without_physical_meaning_are_refused(arguments, words):
         Loads(**arguments)
 
 
-def test_loads_stay_as_they_were_given(drawing):
+def test_loads_keep_the_values_given(drawing):
     soft, centre = {"leg1_s3": 1e6}, [0.0, 0.0, 0.1]
     loads = Loads(gravity=True, payload_kg=1, payload_centre_m=centre, drive_stiffness=soft)
     soft["leg1_s3"] = centre[2] = 1.0
     assert loads == Loads(True, 1.0, None, (0.0, 0.0, 0.1), {"leg1_s3": 1e6})
 
 
-def test_what_is_no_loads_or_options_is_refused(drawing):
+def test_other_types_of_loads_or_options_are_refused(drawing):
     with pytest.raises(BadInputError, match="loads are Loads, not a bool"):
         ClosureSolver(drawing.nominal_solver.mechanism, True)
     with pytest.raises(BadInputError, match="options of a closure are ClosureOptions, not a dict"):
@@ -222,7 +222,7 @@ def test_what_is_no_loads_or_options_is_refused(drawing):
 
 @pytest.mark.parametrize("given", [{"max_gap_m": np.nan}, {"max_iterations": "many"}, {"refinements": ()}])
 def test_options_of_a_closure_are_numbers(given):
-    """A largest gap that is NaN was none: whatever stayed open counted as closed."""
+    """A largest gap of NaN was accepted: whatever stayed open counted as closed."""
     with pytest.raises(BadInputError, match="of a closure is a number from 0 on, not"):
         ClosureOptions(**given)
 

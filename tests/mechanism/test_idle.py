@@ -1,4 +1,4 @@
-"""Mechanisms with internal idle motions, and other joint types: mimic, universal, spherical."""
+"""Mechanisms with idle freedoms, and joints of other kinds: mimic, universal, spherical."""
 
 from pathlib import Path
 
@@ -23,21 +23,21 @@ from tests.support import central_differences, circle_meeting, planar_urdf, rela
 
 
 @pytest.mark.parametrize("spin", [0.0, 1.0, -2.5])
-def test_it_closes_where_the_triangle_says_however_the_rod_is_spun(spin):
+def test_it_closes_at_the_triangles_angle_however_the_rod_is_spun(spin):
     mechanism = strut()
     result = ClosureSolver(mechanism).solve_from(start_of(mechanism, spin))
     x, z = crank_end(STROKE)
     np.testing.assert_allclose(result.pose_base_to_end.translation, [x, 0.0, z], rtol=0, atol=1e-12)
     assert result.idle_joints == ("ball1", "ball2")
     assert (result.rank, result.freedoms) == (6, 2)
-    # The least step leaves the spin nearly as it was.
+    # The minimum-norm step leaves the spin nearly unchanged.
     first = mechanism.shared_model.joints[mechanism.joint_id("ball1")].idx_q
     rotation = pin.Quaternion(result.configuration[first : first + 4]).matrix()
     found = np.arctan2(*(pin.utils.rotate("y", np.arctan2(x - GROUND, z)).T @ rotation)[[1, 0], 0])
     assert found == pytest.approx(spin, abs=0.05)
 
 
-def test_what_the_drive_determines_is_given_and_what_spins_is_refused():
+def test_motion_that_the_drive_determines_is_given_and_the_spin_is_refused():
     mechanism = strut()
     solver = ClosureSolver(mechanism)
     result = solver.solve_from(start_of(mechanism, 0.7))
@@ -49,8 +49,8 @@ def test_what_the_drive_determines_is_given_and_what_spins_is_refused():
 
 
 @pytest.mark.parametrize("stroke", np.linspace(0.4, 1.0, 13))
-def test_a_rod_that_spins_about_an_axis_of_its_ball_itself_is_no_singular_pose(stroke):
-    """How that axis moves the loop is round-off, of either sign."""
+def test_a_rod_that_spins_about_an_axis_of_its_ball_is_no_singular_pose(stroke):
+    """The effect of that axis on the loop is round-off, of either sign."""
     mechanism = strut()
     (grip,) = mechanism.loops.loops
     point = mechanism.loops.model_copy(update={"loops": (grip.model_copy(update={"type": "3d"}),)})
@@ -61,21 +61,21 @@ def test_a_rod_that_spins_about_an_axis_of_its_ball_itself_is_no_singular_pose(s
     np.testing.assert_allclose(transfer.matrix[[0, 2], 0], slope, rtol=0, atol=1e-6)
 
 
-def test_what_is_determined_is_found_also_where_many_freedoms_idle():
-    """A platform on six legs, each with a ball that turns in its seat: ``np.linalg.eigh`` ends without an answer."""
+def test_eigenvalues_are_found_where_many_freedoms_idle():
+    """A platform on six legs, each with a ball that turns in its seat: ``np.linalg.eigh`` does not converge there."""
     hessian = np.load(Path(__file__).with_name("idling_legs.npy"))
     spectrum = Spectrum.of(hessian)
     by_another_way = scipy.linalg.eigvalsh(hessian * spectrum.scale[:, None] * spectrum.scale, driver="evr")
     np.testing.assert_allclose(spectrum.values, by_another_way, rtol=0, atol=1e-13)
 
 
-def test_the_ratio_of_a_spectrum_is_that_of_units_that_do_not_count():
-    """Scaled to a unit diagonal eigenvalues are 1 ± 1/2; of nothing that is stiff there is none."""
+def test_the_ratio_of_a_spectrum_does_not_depend_on_units():
+    """Scaled to a unit diagonal the eigenvalues are 1 ± 1/2; without stiffness the ratio is zero."""
     assert Spectrum.of(np.array([[2.0, 1e3], [1e3, 2e6]])).ratio == pytest.approx(1.0 / 3.0)
     assert Spectrum.of(np.zeros((2, 2))).ratio == 0.0
 
 
-def test_which_frame_is_observed_must_be_said_somewhere():
+def test_the_observed_frame_must_be_stated():
     mechanism = strut()
     unsaid = ClosedChainMechanism(mechanism.urdf, mechanism.loops.model_copy(update={"end_frame": None}))
     solver = ClosureSolver(unsaid)
@@ -109,8 +109,8 @@ def test_every_placement_matches_differences_of_closures():
         np.testing.assert_allclose(matrix[:, p], expected, rtol=0, atol=1e-6 * np.abs(matrix).max())
 
 
-def test_weight_in_the_drive_is_felt_though_the_rod_spins():
-    """The rod carries the crank: its force from the torque about the hinge, and its compression by that force."""
+def test_weight_acts_on_the_drive_although_the_rod_spins():
+    """The rod carries the crank: its force from the torque about the hinge, and its compression from that force."""
     mechanism, stiffness = strut(), 1e6
     solver = ClosureSolver(mechanism, Loads(gravity=True, drive_stiffness={"stroke": stiffness}))
     result = solver.solve_from(start_of(mechanism, 0.3))
@@ -178,7 +178,7 @@ def test_a_joint_that_mimics_a_drive_moves_with_it():
 
 
 def test_a_joint_that_mimics_a_passive_one_is_found_with_it():
-    """The elbow is driven instead of the crank: the crank, and what follows it, are found by the closure."""
+    """The elbow is driven instead of the crank: the crank and the joint that follows it are found by the closure."""
     mechanism, angle = tied_five_bar(drives=("a_j2",)), -1.2
     solver = ClosureSolver(mechanism)
     start = tied_start(mechanism, angle)
@@ -196,8 +196,8 @@ def test_a_joint_that_mimics_a_passive_one_is_found_with_it():
     np.testing.assert_allclose(matrix[[0, 2], 0], slope, rtol=0, atol=1e-9 * np.abs(slope).max())
 
 
-def test_what_follows_a_locked_joint_has_no_limits_for_one_command_and_for_many():
-    """It stands where nobody can move it, even beyond what it says of itself."""
+def test_a_joint_that_follows_a_locked_one_has_no_limits_for_one_command_and_for_many():
+    """No drive can move it from where it is, even beyond its own limits."""
     loops = LoopsFile(base_frame="ground", end_frame="a_tip", drives=("a_j2",), locked_joints=("a_j1", "b_j2"))
     mechanism = ClosedChainMechanism(with_mimic(FOUR_BAR, offset=4.0), loops)
     values = mechanism.joint_values(mechanism.with_mimics(mechanism.neutral_configuration(), {"a_j1": 0.0}))
@@ -206,7 +206,7 @@ def test_what_follows_a_locked_joint_has_no_limits_for_one_command_and_for_many(
     assert within_limits(mechanism, {name: np.array([value, value]) for name, value in values.items()}).all()
 
 
-def test_mimics_of_mimics_follow_the_one_that_leads():
+def test_mimics_of_mimics_follow_the_first_leader():
     def text(*pairs):
         joints = (
             f'<joint name="{n}" type="revolute"><mimic joint="{m}" multiplier="{k}" offset="{o}"/></joint>'
@@ -226,7 +226,7 @@ def test_mimics_of_mimics_follow_the_one_that_leads():
         ("much", {}, "multiplier and offset of mimic must be numbers"),
     ],
 )
-def test_mimics_that_make_no_sense_are_refused(multiplier, changes, words):
+def test_meaningless_mimics_are_refused(multiplier, changes, words):
     loops = tied_five_bar().loops.model_copy(update=changes)
     with pytest.raises(DescriptionError, match=words):
         ClosedChainMechanism(with_mimic(FOUR_BAR, multiplier), loops)
@@ -261,7 +261,7 @@ def test_spherical_joints_keep_masses_limits_and_frames():
     model = after.shared_model
     assert (model.nq, model.nv) == (5, 4)
     assert after.joint_limits()["a_j2"] == pytest.approx((-3.2, 3.2))
-    for limit in ("upperEffortLimit", "velocityLimit"):  # by which compliance is expected, and pauses are counted
+    for limit in ("upperEffortLimit", "velocityLimit"):  # effort sizes the expected compliance, velocity the pauses
         said, kept = (getattr(m, limit)[m.idx_vs[m.getJointId("a_j2")]] for m in (before.shared_model, model))
         assert kept == said
     assert [f.name for f in model.frames] == [f.name for f in before.shared_model.frames]

@@ -23,7 +23,7 @@ def test_the_shipped_file_declares_the_four_chains():
     assert loops.drives == ("leg1_s3", "leg2_s3", "leg3_s3", "leg4_s5")
     assert loops.cut_joints == ("moving_platform_mount",)
     translation, rotation = loops.stiffness_si
-    assert (rotation / translation) ** 0.5 <= 0.1  # rotation is soft against translation
+    assert (rotation / translation) ** 0.5 <= 0.1  # rotation is compliant against translation
 
 
 def test_own_dialect(written):
@@ -128,7 +128,7 @@ def test_own_dialect_mistakes(written, change, words):
     assert "\n" not in str(caught.value)
 
 
-def test_the_frames_that_are_reported_stand_in_the_file(drawing):
+def test_the_reported_frames_are_those_of_the_file(drawing):
     loops = drawing.model.definition.loops
     assert loops.reported_frames == ("moving_platform", "ladle", "ladle_lip")
     assert loops.working_frame == "ladle_lip"
@@ -137,7 +137,7 @@ def test_the_frames_that_are_reported_stand_in_the_file(drawing):
         _ = bare.working_frame
 
 
-def test_a_loop_name_stands_once():
+def test_a_loop_name_occurs_once():
     twice = {"frame_a": "a", "frame_b": "b", "name": "tips"}
     with pytest.raises(BadInputError, match="loop 'tips' stands twice"):
         LoopsFile(drives=("m",), loops=(twice, twice))
@@ -157,6 +157,6 @@ def test_a_serial_arm_has_no_loops(written):
         ("drives: [waist]\nend_frame: flange\ncut_joints: [mount]\n", "joint 'mount' is cut, but no loop"),
     ],
 )
-def test_without_loops_the_file_says_what_moves(written, text, problem):
+def test_without_loops_the_file_names_an_end_frame_and_cuts_no_joint(written, text, problem):
     with pytest.raises(DescriptionError, match=problem):
         load_loops(written(text))

@@ -1,7 +1,7 @@
-"""MuJoCo, given our own URDF and equality constraints, comes to rest where the closed forms say.
+"""MuJoCo, given our own URDF and equality constraints, comes to rest at the pose of the closed forms.
 
-Another engine with another principle: MuJoCo closes the loops by forces of soft constraints that pull the bodies
-through a damped motion, independently of our solver. Nominally everything fits, so at rest the softness has no effect.
+It is another engine with another principle: MuJoCo closes the loops by forces of soft constraints that pull the
+bodies through a damped motion, independently of our solver. Nominally everything fits, so at rest nothing is strained.
 """
 
 import mujoco
@@ -36,7 +36,7 @@ def closed_model(urdf, drives):
     spec.option.iterations = 100
     spec.option.tolerance = 1e-14
     for joint in spec.joints:
-        # Damped: a way to rest, not a motion.
+        # Damped: a path to the rest position, not a motion.
         joint.damping = np.full_like(np.asarray(joint.damping), 10.0)
         joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
 
@@ -53,8 +53,8 @@ def closed_model(urdf, drives):
         weld.objtype = mujoco.mjtObj.mjOBJ_BODY
         weld.data[:] = 0.0
         weld.data[6] = 1.0  # relative orientation: none
-        # A radian counts as ten metres: held by legs in pairs of planes, the platform is weak sideways, and what
-        # stiffens it there is the parallelism of the joints.
+        # A radian counts as ten metres: held by legs in pairs of planes, the platform is weak sideways, where it is
+        # stiffened by the parallelism of the joints.
         weld.data[10] = 10.0
     for name in (*drives, "truss_travel", "trolley_travel"):
         equality(mujoco.mjtEq.mjEQ_JOINT, name).data[:] = 0.0
@@ -63,7 +63,7 @@ def closed_model(urdf, drives):
 
 @pytest.fixture(scope="module")
 def machine(drawing):
-    """MuJoCo's model and workspace, and where its joints and drives stand in them."""
+    """MuJoCo's model and workspace, and the indices of its joints and drives."""
     drives = drawing.nominal_solver.mechanism.loops.drives
     model = closed_model(drawing.model.definition.urdf(), drives)
     joints = {model.joint(k).name: model.joint(k).qposadr[0] for k in range(model.njnt)}
@@ -71,7 +71,7 @@ def machine(drawing):
 
 
 def test_the_tree_is_the_same_robot(drawing, machine):
-    """Before anything is closed: every link stands where Pinocchio puts it, and weighs the same."""
+    """Before anything is closed: every link is where Pinocchio puts it, and has the same mass."""
     model, data, joints = machine
     tree = pin.buildModelFromXML(drawing.model.definition.urdf())
     workspace = tree.createData()
@@ -86,12 +86,12 @@ def test_the_tree_is_the_same_robot(drawing, machine):
         theirs = pin.SE3(body.xmat.reshape(3, 3), body.xpos)
         mine = workspace.oMf[tree.getFrameId(link)]
         assert pose_gap(theirs, mine) == pytest.approx([0.0, 0.0], abs=1e-9)
-    # MuJoCo takes the root link as part of the world, which has no weight.
+    # MuJoCo counts the root link to the world, which has no mass.
     assert model.body_mass.sum() == pytest.approx(sum(inertia.mass for inertia in tree.inertias), rel=1e-6)
 
 
 def settle(machine, drives, start):
-    """Hold the drives, start at the given joint values, let go, and return the platform at rest."""
+    """Hold the drives, start at the given joint values, release, and return the platform at rest."""
     model, data, joints = machine
     mujoco.mj_resetData(model, data)
     for name, value in start.items():
@@ -114,9 +114,9 @@ def test_mujoco_settles_at_our_nominal_pose(drawing, machine):
     for pose in random_poses(50, seed=92):
         location = drawing.locate(pose)
         start = drawing.kinematics.joint_values(displaced(pose, random))
-        # Not only along the mechanism's own freedoms: every joint a little off by itself, so the loops are open.
+        # Not only along the mechanism's own freedoms: every joint is off a little, so the loops are open.
         start = {name: value + random.uniform(-0.005, 0.005) for name, value in start.items()}
         found, speed = settle(machine, location.drives, start)
-        assert speed < 1e-9  # m/s or rad/s: it rests
+        assert speed < 1e-9  # m/s or rad/s: it is at rest
         gaps.append(pose_gap(found, location.nominal.pose_base_to_end))
     assert np.max(gaps, axis=0) == pytest.approx([0.0, 0.0], abs=1e-9)

@@ -1,4 +1,4 @@
-"""Convergence of the solver: as many steps as the theory of Newton's method says, to the minimum, not only near it."""
+"""The search: as many steps as the theory of Newton's method predicts, to the minimum from near and from far."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ LOADED = Loads(gravity=True, payload_kg=400.0, drive_stiffness={"leg1_s3": 2e7, 
 def pointer():
     """Return a crank about y that reaches for a pin on a driven slide along x, which it may not reach.
 
-    With r the crank and d the pin's distance: E = k (d² + r² - 2 d r cos θ) / 2, a minimum at θ = 0.
+    With the crank's length r and the pin's distance d: E = k (d² + r² - 2 d r cos θ) / 2, a minimum at θ = 0.
     """
     parts = [
         joint("hinge", "base", "crank", "revolute"),
@@ -44,7 +44,7 @@ def point(distance, angle, **options):
 
 
 def steps_of_newton(distance, angle):
-    """Return how many steps the angle alone takes: one of Gauss and Newton, others of Newton, until it is round-off."""
+    """Return the number of steps for the angle alone: one of Gauss-Newton, then of Newton, down to round-off."""
     angle -= ARM / distance * np.sin(angle)
     for steps in range(1, 100):
         if abs(angle) < 1e-15:
@@ -55,26 +55,26 @@ def steps_of_newton(distance, angle):
 
 @pytest.mark.parametrize("angle", [1e-3, 0.05, -0.3])
 @pytest.mark.parametrize("distance", [0.3, 0.45, 0.8, 1.2])
-def test_a_pin_out_of_reach_is_pointed_at_in_newtons_own_number_of_steps(distance, angle):
-    """Gauss-Newton alone would leave 1 - r / d of the angle a step; Newton cubes it."""
+def test_a_pin_out_of_reach_is_pointed_at_in_the_number_of_newton_steps(distance, angle):
+    """Gauss-Newton alone would leave 1 - r / d of the angle per step; Newton cubes it."""
     found = point(distance, angle)
     gap = abs(distance - ARM)
     assert found.joint_values["hinge"] == pytest.approx(0.0, abs=1e-14)
     assert found.gap_m == pytest.approx(gap, rel=1e-12)
     assert found.energy == pytest.approx(0.5 * STIFFNESS * gap**2, rel=1e-12)
-    assert found.iterations <= steps_of_newton(distance, angle) + 1  # one that shows that nothing is left
+    assert found.iterations <= steps_of_newton(distance, angle) + 1  # one more, which shows convergence
 
 
 @pytest.mark.parametrize("angle", [3.1, 2.0, -2.5])
 @pytest.mark.parametrize("distance", [0.1, 0.45, 0.8])
-def test_from_behind_it_goes_down_to_the_minimum_and_not_up_to_the_maximum(distance, angle):
+def test_from_behind_it_goes_to_the_minimum_and_not_to_the_maximum(distance, angle):
     found = point(distance, angle)
     assert np.cos(found.joint_values["hinge"]) == pytest.approx(1.0, abs=1e-12)
     assert found.gap_m == pytest.approx(abs(distance - ARM), rel=1e-12)
 
 
-def test_a_search_that_is_stopped_tells_of_the_best_it_saw():
-    """The pin of one loop: the energy is a function of the gap, which no further step can make larger."""
+def test_a_search_that_is_stopped_reports_the_best_state():
+    """With the pin of one loop the energy is a function of the gap, which no further step can increase."""
     start = np.sqrt(0.8**2 + ARM**2 - 2 * 0.8 * ARM * np.cos(2.5))
     needed = point(0.8, 2.5).iterations
     gaps = [start]
@@ -89,7 +89,7 @@ def test_a_search_that_is_stopped_tells_of_the_best_it_saw():
 
 
 def remainder(solver, result):
-    """Return how far (m or rad) the minimum is from a result, by the exact Hessian there, and its lowest eigenvalue."""
+    """Return the distance of the minimum from a result (m or rad), by the exact Hessian, and its lowest eigenvalue."""
     energy = solver.energy
     state = energy.evaluate(result.configuration, result.commanded)
     hessian = energy.basis.T @ energy.hessian(state) @ energy.basis
@@ -98,7 +98,7 @@ def remainder(solver, result):
 
 
 @pytest.mark.parametrize(("loads", "most"), [(Loads(), 15), (LOADED, 30)], ids=["left open", "loaded"])
-def test_what_is_found_is_a_minimum_to_round_off_in_few_steps_from_far(crooked, loads, most):
+def test_the_result_is_a_minimum_to_round_off_in_few_steps_from_far(crooked, loads, most):
     random = np.random.default_rng(31)
     solver = ClosureSolver(crooked.actual_solver.mechanism, loads, ClosureOptions(most_steps=1))
     for pose in random_poses(40, seed=31):
@@ -110,8 +110,8 @@ def test_what_is_found_is_a_minimum_to_round_off_in_few_steps_from_far(crooked, 
         assert result.iterations <= most
 
 
-def test_where_it_closed_before_does_not_matter(crooked):
-    """A solver keeps factors from step to step, not from closure to closure."""
+def test_earlier_closures_do_not_affect_a_result(crooked):
+    """A solver keeps factorisations from step to step, not from closure to closure."""
     mechanism = crooked.actual_solver.mechanism
     poses = [(crooked.kinematics.inverse(p), crooked.kinematics.configuration(p)) for p in random_poses(6, 32)]
     used = ClosureSolver(mechanism)
@@ -123,7 +123,7 @@ def test_where_it_closed_before_does_not_matter(crooked):
 
 @pytest.fixture
 def hessians(monkeypatch):
-    """Count the Hessians that are formed, by kind: they are what a step costs."""
+    """Count the Hessians that are formed, by kind: they are the cost of a step."""
     formed = {"hessian": 0, "gauss_newton_hessian": 0}
 
     def counted(name, original):
@@ -138,7 +138,7 @@ def hessians(monkeypatch):
     return formed
 
 
-def test_what_closes_needs_no_curvature_of_residuals(drawing, hessians):
+def test_loops_that_close_need_no_curvature_of_residuals(drawing, hessians):
     """Their wrenches vanish; a start that is closed already needs no second step."""
     random = np.random.default_rng(33)
     for pose in random_poses(20, seed=33):
@@ -146,7 +146,7 @@ def test_what_closes_needs_no_curvature_of_residuals(drawing, hessians):
         found = drawing.nominal_solver.solve(
             drives, drawing.kinematics.configuration(displaced(pose, random, 1e-4, 1e-4))
         )
-        # Newton squares errors: from 1e-4 to 1e-8 to 1e-16, and a step that shows it.
+        # Newton's method squares errors: from 1e-4 to 1e-8 to 1e-16, and one step to confirm.
         assert found.iterations <= 3
         assert drawing.nominal_solver.solve(drives, found.configuration).iterations == 1
     assert hessians["hessian"] == 0
@@ -155,7 +155,7 @@ def test_what_closes_needs_no_curvature_of_residuals(drawing, hessians):
     assert hessians["hessian"] > 0
 
 
-def test_next_to_the_minimum_steps_share_a_hessian(crooked, hessians):
+def test_near_the_minimum_steps_share_a_hessian(crooked, hessians):
     steps = 0
     for pose in random_poses(20, seed=34):
         found = crooked.actual_solver.solve(crooked.kinematics.inverse(pose), crooked.kinematics.configuration(pose))
@@ -165,7 +165,7 @@ def test_next_to_the_minimum_steps_share_a_hessian(crooked, hessians):
 
 @pytest.mark.parametrize("spring", [1e2, 1e4, 1e6])
 def test_round_off_in_a_soft_direction_is_not_chased(drawing, spring):
-    """The loops' own round-off, ε times a metre times their stiffness, moves a soft drive by far more than ε."""
+    """The loops' round-off, ε times a metre times their stiffness, moves a soft drive by far more than ε."""
     solver = ClosureSolver(drawing.nominal_solver.mechanism, Loads(drive_stiffness={"leg1_s3": spring}))
     noise = 10 * np.finfo(float).eps * STIFFNESS / spring
     for pose in random_poses(20, seed=35):
@@ -175,8 +175,8 @@ def test_round_off_in_a_soft_direction_is_not_chased(drawing, spring):
         assert found.iterations <= 6
 
 
-def test_steps_that_no_longer_shrink_are_round_off(crooked):
-    """If nothing at all may be left, they end the search, which finds the same; if they may not, nothing ends it."""
+def test_steps_that_no_longer_shrink_are_taken_for_round_off(crooked):
+    """With a tolerance of zero they end the search, with the same result; if they may not, nothing ends it."""
     (pose,) = random_poses(1, seed=36)
     place = crooked.kinematics.inverse(pose), crooked.kinematics.configuration(pose)
     mechanism = crooked.actual_solver.mechanism

@@ -1,4 +1,4 @@
-"""Disagreement of redundant drives, against least squares of line lengths that are repeated here."""
+"""The disagreement of redundant drives, against an independent least-squares fit of line lengths."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ STEP = 1e-5
 
 
 def least(lengths, anchors):
-    """Return the root of the least sum of squared length errors, with the sign of their sum, and the place."""
+    """Return the root of the least sum of squared length errors, with the sign of their sum, and the position."""
 
     def off(place):
         return np.linalg.norm(place - anchors, axis=1) - lengths
@@ -47,7 +47,7 @@ def closed(robot):
     return engine, lengths, engine.close(lengths, robot.drawing().starts(lengths))
 
 
-def test_it_is_the_least_correction_of_the_lines(closed):
+def test_disagreement_is_the_least_correction_of_the_lines(closed):
     _, lengths, found = closed
     for row, (own, place) in enumerate(zip(lengths, found.position, strict=True)):
         expected, at = least(own, ANCHORS)
@@ -75,15 +75,15 @@ def test_its_derivative_is_that_of_the_least_squares(closed):
             assert matrix[row, 0, k] == pytest.approx(slope, abs=2e-6)
 
 
-def test_turning_a_line_about_its_anchor_changes_nothing(closed):
+def test_a_rotation_of_a_line_about_its_anchor_changes_nothing(closed):
     engine, _, found = closed
     turns = [p for p in engine.parameters if p.joint in JOINTS and p.unit == "rad"]
     assert np.abs(engine.transfer(found, turns).disagreement).max() < 1e-12
 
 
 @pytest.mark.parametrize("ways", [2, 99])
-def test_where_drives_disagree_in_fewer_ways_than_it_should_be_that_is_said(robot, ways):
-    """Four lines hold three coordinates: in one way, and the platform's turns leave more than drives can open."""
+def test_too_few_ways_of_disagreement_are_reported(robot, ways):
+    """Four lines for three coordinates disagree in one way; no drive opens the equations of the platform's rotations."""
     solver = ClosureSolver(robot.mechanism())
     result = solver.result_at(robot.drawing().configuration_at(LENGTHS))
     assert disagreement(solver, result, 1)[0].shape == (1,)
@@ -92,7 +92,7 @@ def test_where_drives_disagree_in_fewer_ways_than_it_should_be_that_is_said(robo
 
 
 def test_the_condition_is_that_of_the_directions_of_the_lines():
-    """Lengths follow places by the unit vectors along the lines; places follow lengths by their least squares."""
+    """Lengths follow positions by the unit vectors along the lines, and positions follow lengths by least squares."""
     robot = Robot.load(MACHINE)
     place = np.array([0.2, -0.1, 0.4])
     lines = place - ANCHORS
@@ -103,7 +103,7 @@ def test_the_condition_is_that_of_the_directions_of_the_lines():
     assert found.distance > 0.5
 
 
-def test_a_robot_without_redundant_drives_has_none_and_may_not_say_so(robot):
+def test_a_robot_without_redundant_drives_may_not_declare_them(robot):
     arm = RobotDefinition.load(MACHINE.parents[1] / "ur10/robot.yaml")
     assert redundant_drives(arm.mechanism()) == 0
     said = RobotFile.load(arm.path).model_copy(update={"redundant_drives": True})
@@ -116,7 +116,7 @@ CORNERS = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [0.0, 2.0]])
 
 @pytest.fixture(scope="module")
 def plane(tmp_path_factory):
-    """Four belts from the corners of a frame to one point in its plane: loops hold nothing across the plane."""
+    """Four belts from the corners of a frame to one point in its plane: no loop constrains motion across the plane."""
     folder = tmp_path_factory.mktemp("plane")
     parts = ['<robot name="belts"><link name="frame"/>']
     for name, (x, y) in zip("abcd", CORNERS, strict=True):
@@ -143,7 +143,7 @@ def plane(tmp_path_factory):
     return RobotDefinition.load(folder / "robot.yaml")
 
 
-def test_in_a_plane_they_disagree_in_as_many_ways_as_they_are_too_many(plane):
+def test_in_a_plane_the_ways_of_disagreement_are_the_surplus_drives(plane):
     rng = np.random.default_rng(4)
     places = rng.uniform([0.5, 0.5], [2.5, 1.5], (6, 2))
     lengths = np.linalg.norm(places[:, None] - CORNERS, axis=2) + rng.normal(0.0, 0.01, (6, 4))
@@ -154,6 +154,6 @@ def test_in_a_plane_they_disagree_in_as_many_ways_as_they_are_too_many(plane):
         assert np.linalg.norm(found.disagreement[row]) == pytest.approx(np.linalg.norm(least.fun), abs=1e-9)
 
 
-def test_what_is_built_a_little_off_the_plane_is_no_drive_too_many(plane):
+def test_a_frame_slightly_out_of_plane_does_not_change_the_number_of_surplus_drives(plane):
     tilted = {"anchor_b": pin.SE3(pin.exp3(np.array([2e-3, 0.0, 0.0])), np.array([0.0, 0.0, 1e-3]))}
     assert redundant_drives(plane.mechanism().displaced(tilted)) == 2

@@ -21,20 +21,20 @@ def test_right_jacobian_by_differences():
             np.testing.assert_allclose(pin.log3(turn) / (2 * step), pin.Jexp3(vector) @ axis, atol=1e-8)
 
 
-def test_the_inverse_is_the_inverse_and_missing_stays_missing():
+def test_the_inverse_is_the_inverse_and_missing_values_stay_missing():
     found = inverse_right_jacobians(VECTORS)
     expected = np.array([np.linalg.inv(pin.Jexp3(v)) for v in VECTORS])
     np.testing.assert_allclose(found, expected, atol=1e-9)
     assert np.isnan(inverse_right_jacobians(np.full((1, 3), np.nan))).all()
 
 
-def test_a_point_at_an_arm_moves_as_its_frame():
+def test_a_point_at_an_arm_moves_with_its_frame():
     arm, twists = np.array([[0.3, -0.2, 0.5]]), np.random.default_rng(0).normal(size=(1, 6, 4))
     there = pin.SE3(np.eye(3), arm[0]).toActionMatrixInverse() @ twists[0]
     np.testing.assert_allclose(moved_point(twists, arm)[0], there[:3], atol=1e-15)
 
 
-def test_tilts_are_turns_about_y():
+def test_tilts_are_rotations_about_y():
     angles = np.array([-2.0, 0.0, 0.4])
     np.testing.assert_allclose(tilts(np.array([pin.utils.rotate("y", a) for a in angles])), angles, atol=1e-15)
 

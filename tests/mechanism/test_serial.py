@@ -42,12 +42,12 @@ def solved(mechanism, loads, values=VALUES):
 
 
 def displaced(mechanism, joint, twist):
-    """Return the arm with one joint, fixed or moving, displaced by a URDF of its own."""
+    """Return the arm with one joint, fixed or moving, displaced by a separate URDF."""
     return perturbed(mechanism, {joint: placement_error(twist)})
 
 
 def pose_with(parameter, step, loads):
-    """Return the pose with one parameter changed, everything built and solved anew."""
+    """Return the pose with one parameter changed, with everything built and solved anew."""
     mechanism, values, changed = arm(), dict(VALUES), {}
     if isinstance(parameter, PlacementParameter):
         mechanism = displaced(mechanism, parameter.joint, step * np.array(parameter.twist))
@@ -99,15 +99,15 @@ def test_every_parameter_matches_central_differences(loads):
     for column, (parameter, step) in enumerate(zip(parameters, steps, strict=True)):
         expected = fourth_order(parameter, step, loads)
         own = np.abs(transfer.matrix[:, column]).max()
-        # What a pose is known to, over the step: the differences can be no better.
+        # The tolerance of a pose over the step: the differences cannot be better.
         known = 100 * round_off(terms=50) / step
         np.testing.assert_allclose(
             transfer.matrix[:, column], expected, rtol=0, atol=1e-6 * own + known, err_msg=parameter.name
         )
 
 
-def test_a_body_weighs_on_the_joints_that_carry_it_whatever_links_are_called():
-    """Behind a fixed joint that is called as a link further down is."""
+def test_a_body_loads_the_joints_that_carry_it_whatever_its_links_are_called():
+    """It is behind a fixed joint that has the name of another link down the chain."""
     mass = '<inertial><mass value="5"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
     urdf, found = arm_urdf().replace('<link name="flange"/>', f'<link name="flange">{mass}</link>'), []
     for name in ("flange_mount", "waist_link"):
@@ -128,7 +128,7 @@ def test_the_base_and_the_tool_move_the_pose_as_frames_do():
     np.testing.assert_allclose(matrix[3:, 3], pose.rotation[:, 1], atol=1e-15)
 
 
-def test_the_matrix_says_what_its_numbers_are():
+def test_the_matrix_labels_its_values():
     mechanism = arm()
     solver, result = solved(mechanism, SOFT)
     parameters = [*placement_parameters(["elbow"]), DriveParameter("roll", "rad"), PayloadParameter()]
@@ -161,7 +161,7 @@ def test_the_matrix_says_what_its_numbers_are():
         found.frame = "foot"
 
 
-def test_what_stands_before_a_drive_does_not_feel_it():
+def test_links_before_a_drive_do_not_depend_on_it():
     mechanism = arm()
     solver, result = solved(mechanism, Loads())
     upper = closed_chain_transfer(solver, result, drive_parameters(mechanism), "shoulder_link")
@@ -177,8 +177,8 @@ def test_no_parameter_makes_no_column():
     assert (none.matrix.shape, none.joints.shape) == ((6, 0), (mechanism.shared_model.nv, 0))
 
 
-def test_a_soft_drive_sags_to_where_its_spring_carries_the_weight():
-    """One drive yields: its moment about its own axis, from the weights beyond it, over its stiffness."""
+def test_a_soft_drive_sags_until_its_spring_carries_the_weight():
+    """One drive is compliant: its moment about its own axis, from the weights beyond it, over its stiffness."""
     stiffness, mechanism = 3e4, arm()
     loads = Loads(gravity=True, drive_stiffness={"elbow": stiffness})
     result = solved(mechanism, loads)[1]
@@ -192,7 +192,7 @@ def test_a_soft_drive_sags_to_where_its_spring_carries_the_weight():
 
 @pytest.mark.parametrize("soft", [False, True])
 def test_an_arm_may_have_one_joint(soft):
-    """A rod that stands up by its hinge: its G is that of a lever, and its weight at half its length turns it."""
+    """A rod upright on its hinge: its G is that of a lever, and the weight at half its length exerts a torque."""
     length, kg, angle, stiffness = 2.0, 3.0, 0.4, 1e3
     urdf = (
         '<robot name="rod"><link name="foot"/><link name="rod"><inertial><origin xyz="0 0 1"/><mass value="3"/>'
@@ -225,7 +225,7 @@ def test_drives_alone_hold_the_arm():
     assert np.linalg.matrix_rank(transfer.matrix) == 6
 
 
-def test_an_arm_that_finds_no_equilibrium_says_so():
+def test_an_arm_without_equilibrium_is_reported():
     hurried = ClosureSolver(arm(), SOFT, ClosureOptions(max_iterations=2))
     with pytest.raises(ClosureError, match=r"no equilibrium: .* after 2 iterations"):
         hurried.solve(VALUES, hurried.mechanism.neutral_configuration())

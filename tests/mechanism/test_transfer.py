@@ -56,7 +56,7 @@ class Case:
         return ClosureSolver(self.mechanism, self.loads)
 
     def pose(self, parameter, step, start):
-        """Close the robot anew with a parameter changed by a step, from near by: the exact answer."""
+        """Close the robot anew from a nearby start with a parameter changed by a step: the exact answer."""
         mechanism, loads, drives = self.mechanism, self.loads, dict(self.drives)
         if isinstance(parameter, PlacementParameter):
             mechanism = self.displaced(parameter, step)
@@ -70,7 +70,7 @@ class Case:
         return ClosureSolver(mechanism, loads).solve(drives, start).pose("fixed_platform", self.frame)
 
     def displaced(self, parameter, step):
-        """Return the mechanism with a joint displaced further, as a URDF with both errors would have it."""
+        """Return the mechanism with a joint displaced further, as in a URDF with both errors."""
         return self.mechanism.displaced({parameter.joint: placement_error(step * np.array(parameter.twist))})
 
     def central_difference(self, parameter, step, start):
@@ -142,7 +142,7 @@ def test_frames_move_the_pose_as_a_rigid_body():
 
 
 @pytest.mark.parametrize("layout", ["paper", "wide"])
-def test_open_branch_is_the_chain_alone_with_its_joints_held(layout):
+def test_an_open_branch_is_the_chain_alone_with_its_joints_held(layout):
     case = make_case(0.0, layout=layout)
     solver = case.solver()
     result = solver.solve(case.drives, case.start)
