@@ -1,4 +1,4 @@
-"""The bench behind the sliders: against direct calls of the robot."""
+"""The effect of sliders: against the robot asked directly."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def test_pose_and_drives_move_each_other(bench, as_built):
     assert shown == pytest.approx(1e3 * location.difference().translation_m, abs=0.006)
 
 
-def test_errors_come_on_top_of_the_model(bench, as_built):
+def test_errors_are_added_to_those_of_the_model(bench, as_built):
     answer = ask(bench, POSE, errors={"leg2_s4.ty": 0.8, "drive.leg3_s3": -0.5, "leg1_s1.rx": 2.0})
     model = as_built.model
     placements, offsets = dict(model.joint_placements), dict(model.drive_offsets)
@@ -45,7 +45,7 @@ def test_errors_come_on_top_of_the_model(bench, as_built):
     offsets["leg3_s3"] = DriveOffset(offset_mm=before - 0.5)
     other = PouringRobot(model.model_copy(update={"joint_placements": placements, "drive_offsets": offsets}))
     check(answer, other.locate(PlatformPose.from_mm_deg(*POSE.values())))
-    check(ask(bench, POSE), as_built.locate(PlatformPose.from_mm_deg(*POSE.values())))  # and off again
+    check(ask(bench, POSE), as_built.locate(PlatformPose.from_mm_deg(*POSE.values())))  # and removed again
 
 
 def test_every_error_is_offered_with_its_unit(bench):
@@ -67,14 +67,14 @@ def test_every_error_is_offered_with_its_unit(bench):
         ({"errors": {"leg1_s1.tx": 5000.0}}, "too large for a placement error"),
     ],
 )
-def test_what_cannot_be_is_refused_in_a_line(bench, change, words):
+def test_invalid_requests_are_refused_in_one_line(bench, change, words):
     answer = ask(bench, **change)
     assert set(answer) == {"refused"}
     assert words in answer["refused"] and "\n" not in answer["refused"]
     assert "refused" in bench.answer({"commanded": "pose"})
 
 
-def test_a_slider_of_a_motor_is_not_called_as_the_joint_it_moves():
+def test_a_slider_of_a_motor_is_labelled_differently_from_the_joint_it_moves():
     for path, label in (("machines/hangprinter", "motor of line_a"), ("robots/arm", "joint1")):
         robot = Robot.load(ROOT / "examples" / path / "robot.yaml")
         (group,) = RobotBench(robot, robot.location_in_the_middle()).sliders()["groups"]

@@ -20,7 +20,7 @@ def test_the_shipped_poses():
     assert poses[0].to_mm_deg() == pytest.approx((-100.0, 0.0, -600.0, 17.0), abs=1e-12)
 
 
-def test_poses_are_known_by_their_lines(written):
+def test_poses_are_labelled_by_their_lines(written):
     path = written(HEADER + "\n1,2,-500,4\n ,,,\n5,6,-700,8\n")
     lines = read_pose_lines(path)
     assert {line: pose.to_mm_deg()[2] for line, pose in lines.items()} == pytest.approx({3: -500.0, 5: -700.0})
@@ -41,7 +41,7 @@ def test_poses_are_known_by_their_lines(written):
     ],
     ids=["plain", "other units and order", "blanks", "micrometres", "CRLF", "byte order mark", "quotes", "a plan's"],
 )
-def test_units_ride_on_the_names(written, content):
+def test_units_are_part_of_the_names(written, content):
     (pose,) = read_poses(written(content))
     assert pose.position_m == pytest.approx((-0.1, 0.02, -0.6), abs=1e-15)
     assert pose.tilt_rad == pytest.approx(math.pi / 6, abs=1e-12)

@@ -48,7 +48,7 @@ drives:
 """
 
 
-# A bridge on rails, its trolley and hoist, and a wire from the bridge to the hook that measures.
+# A bridge on rails, its trolley and hoist, and a measuring wire from the bridge to the hook.
 GANTRY_JOINTS = (
     ("rails", "prismatic", "hall", "bridge", "0 0 3", "1 0 0", 0.5, 8.0),
     ("trolley", "prismatic", "bridge", "carriage", "0 0 0", "0 1 0", 0.5, 3.5),
@@ -91,7 +91,7 @@ def gantry(tmp_path):
         ("base_frame: base", "base_frame: arm", "base_frame 'arm' is carried by the drive 'shoulder'"),
     ],
 )
-def test_what_no_joint_can_be_is_refused_with_the_mend(arm, old, new, says):
+def test_values_that_no_joint_can_have_are_refused_with_the_correction(arm, old, new, says):
     text = arm.read_text()
     arm.write_text(text.replace(old, new))
     with pytest.raises(DescriptionError, match=re.escape(says)):
@@ -116,14 +116,14 @@ def test_drives_have_columns_units_and_gears(arm):
 
 
 def test_a_robot_without_loops_is_near_no_parallel_singularity(arm):
-    """Stretched far, its tip goes far for a small turn; it can only lose a freedom, none can appear."""
+    """Stretched out, its tip moves far for a small rotation; it can only lose a freedom, none can appear."""
     robot = Robot.load(arm)
     found = robot.dexterity(robot.location_at([0.2, 0.4]))
     assert (found.singularity, found.distance) == ("serial", pytest.approx(1.0))
 
 
-def test_a_camera_whose_axes_meet_in_it_only_turns(tmp_path):
-    """No length compares angles with lengths there; its drives turn about two axes that are square to each other."""
+def test_a_camera_whose_axes_meet_in_it_only_rotates(tmp_path):
+    """No length relates angles to lengths there; its drives turn about two perpendicular axes."""
     turns = "".join(
         f'<joint name="{name}" type="continuous"><parent link="{parent}"/><child link="{child}"/><axis xyz="{axis}"/>'
         "</joint>"
@@ -143,8 +143,8 @@ def test_a_camera_whose_axes_meet_in_it_only_turns(tmp_path):
 
 
 @pytest.mark.parametrize(("home", "rails"), [("", 0.0), ("rails: 2.5, ", 2.5)])
-def test_a_travel_carries_the_base_and_is_nothing_to_be_closed(gantry, home, rails):
-    """The hook has the freedoms of its drives, wherever the bridge stands; the wire is as long as Pythagoras says."""
+def test_a_travel_carries_the_base_and_belongs_to_no_loop(gantry, home, rails):
+    """The hook has the freedoms of its drives, wherever the bridge is; the wire's length follows from Pythagoras."""
     gantry.write_text(GANTRY.replace("home: {", f"home: {{{home}"), encoding="utf-8")
     robot = Robot.load(gantry)
     location = robot.location_at([1.5, 1.0])
@@ -152,7 +152,7 @@ def test_a_travel_carries_the_base_and_is_nothing_to_be_closed(gantry, home, rai
     assert location.nominal.joint_values["wire"] == pytest.approx(np.sqrt(0.5**2 + 1.5**2 + 1.0**2), abs=1e-12)
     assert location.nominal.joint_values["rails"] == rails
     assert {reach.joint for reach in location.reach} == {"trolley", "hoist", "pan", "tilt", "wire"}
-    assert len(robot.model.definition.workspace(robot.drawing)[0]) > 100  # though the rails do not reach to zero
+    assert len(robot.model.definition.workspace(robot.drawing)[0]) > 100  # though the rails do not extend to zero
     again = gantry.with_name("again.yaml")
     again.write_bytes(robot.model.definition.files_beside()["robot.yaml"])
     assert RobotDefinition.load(again).loops == robot.model.definition.loops
@@ -163,11 +163,11 @@ def test_a_travel_carries_the_base_and_is_nothing_to_be_closed(gantry, home, rai
     [
         ("hall", "rails", "hall"),  # between base and hook
         ("bridge", "pan", "bridge"),  # between base and the end of a loop
-        ("bridge", "lamp", "bridge"),  # beside both
-        ("hung", "lamp", "hook"),  # above the base only
+        ("bridge", "lamp", "bridge"),  # in neither path
+        ("hung", "lamp", "hook"),  # carries the base only
     ],
 )
-def test_a_travel_that_does_not_carry_base_and_robot_is_no_travel(gantry, base, travel, frame):
+def test_a_travel_that_does_not_carry_base_and_robot_is_refused(gantry, base, travel, frame):
     urdf, lamp = gantry.with_name("gantry.urdf"), '<joint name="lamp" type="prismatic"><parent link="bridge"/>'
     lamp += '<child link="hung"/><axis xyz="0 0 1"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint>'
     urdf.write_text(urdf.read_text(encoding="utf-8").replace("</robot>", f'<link name="hung"/>{lamp}</robot>'), "utf-8")
@@ -178,19 +178,19 @@ def test_a_travel_that_does_not_carry_base_and_robot_is_no_travel(gantry, base, 
         RobotDefinition.load(gantry)
 
 
-def test_a_wire_that_measures_beside_a_travel_is_redundant(gantry):
+def test_a_measuring_wire_on_a_robot_with_travel_is_redundant(gantry):
     measured = GANTRY.replace("{joint: hoist}]", "{joint: hoist}, {joint: wire}]\nredundant_drives: true")
     gantry.write_text(measured, encoding="utf-8")
     assert redundant_drives(RobotDefinition.load(gantry).mechanism()) == 1
 
 
-def test_a_travel_that_the_urdf_holds_is_a_column_only(arm):
+def test_a_travel_that_the_urdf_fixes_is_a_column_only(arm):
     arm.write_text(FILE + "travel: [carriage]\n", encoding="utf-8")
     definition = RobotDefinition.load(arm)
     assert definition.travels == ("carriage",) and definition.mechanism().loops.locked_joints == ()
 
 
-def test_groups_are_by_kind_unless_the_file_says_otherwise(arm):
+def test_drives_are_grouped_by_kind_unless_the_file_says_otherwise(arm):
     assert {k: [d.joint for d in v] for k, v in RobotDefinition.load(arm).groups.items()} == {
         "rotations": ["shoulder"],
         "slides": ["reach"],
@@ -206,8 +206,8 @@ def test_groups_are_by_kind_unless_the_file_says_otherwise(arm):
         ("{slides: [shoulder], rotations: [shoulder, reach]}", {"slides": ["reach"], "rotations": ["shoulder"]}),
     ],
 )
-def test_a_group_is_of_one_unit_and_no_drive_is_in_none(arm, groups, found):
-    """Causes go by the unit of a group: a slide among turns, or a drive that no group names, would have had none."""
+def test_a_group_has_one_unit_and_every_drive_has_a_group(arm, groups, found):
+    """Causes depend on the unit of a group: a slide among rotations, or a drive in no group, would have had none."""
     arm.write_text(FILE + f"groups: {groups}\n", encoding="utf-8")
     definition = RobotDefinition.load(arm)
     assert {name: [drive.joint for drive in drives] for name, drives in definition.groups.items()} == found
@@ -215,7 +215,7 @@ def test_a_group_is_of_one_unit_and_no_drive_is_in_none(arm, groups, found):
     scales = [e for e in causes_of(definition).entries if e.id.partition(".")[0] == "drive_scale"]
     assert sorted(joint for entry in scales for joint in entry.options["drives"]) == ["reach", "shoulder"]
     effects, columns = all_effects(definition), {"shoulder": "approach_turn", "reach": "approach_reach"}
-    for name, drives in found.items():  # it asks for what its own drives did
+    for name, drives in found.items():  # it needs the columns of its own drives
         missing = effects[f"drive_backlash.{name}"].missing(bare_conditions(definition))
         assert sources(missing, definition) == tuple(columns[drive] for drive in drives)
 
@@ -245,7 +245,7 @@ def test_a_group_is_of_one_unit_and_no_drive_is_in_none(arm, groups, found):
         ("format: pouring_robot/robot/1", "format: pouring_robot/robot/9", "line 1"),
     ],
 )
-def test_mistakes_are_one_line_that_says_what(arm, old, new, says):
+def test_mistakes_are_reported_in_one_line(arm, old, new, says):
     arm.write_text(FILE.replace(old, new), encoding="utf-8")
     with pytest.raises(DescriptionError, match=says) as problem:
         RobotDefinition.load(arm)
@@ -253,14 +253,14 @@ def test_mistakes_are_one_line_that_says_what(arm, old, new, says):
 
 
 def test_a_joint_of_no_chain_is_not_displaced(arm):
-    """Nor asked for under a name that is there: ``calibrate`` said that there was no 'joint_places'."""
+    """The parameters must not include it either: ``calibrate`` said that there was no 'joint_places'."""
     arm.write_text(FILE + "places: [carriage]\n", encoding="utf-8")
     for asked in (ParameterCatalogue, causes_of):
         with pytest.raises(DescriptionError, match="'carriage' is not a joint of the chains"):
             asked(RobotDefinition.load(arm))
 
 
-def test_a_place_may_be_said_twice(arm):
+def test_a_place_may_be_listed_twice(arm):
     arm.write_text(FILE + "places: [reach.tx, reach.ty, reach.tx, shoulder.tz, shoulder]\naxes: []\n", encoding="utf-8")
     definition = RobotDefinition.load(arm)
     assert causes_of(definition).placements.along == {"reach": "xy", "shoulder": "xyz"}
@@ -268,7 +268,7 @@ def test_a_place_may_be_said_twice(arm):
     assert names == {"drive.shoulder", "drive.reach", "reach.tx", "reach.ty", *(f"shoulder.t{axis}" for axis in "xyz")}
 
 
-def test_a_urdf_that_is_none_is_refused(arm):
+def test_an_invalid_urdf_is_refused(arm):
     (arm.parent / "arm.urdf").write_text("<robot", encoding="utf-8")
     with pytest.raises(DescriptionError, match=r"arm\.urdf"):
         RobotDefinition.load(arm)
@@ -286,8 +286,8 @@ def test_the_pouring_robot_is_a_robot_file_too():
         np.testing.assert_allclose(one.homogeneous, other.homogeneous, rtol=0, atol=1e-15)
 
 
-def test_a_loops_file_need_not_say_what_the_robot_file_says(tmp_path):
-    """Its drives above all, which every robot file says."""
+def test_a_loops_file_need_not_repeat_the_robot_file(tmp_path):
+    """Above all not its drives, which every robot file lists."""
     shipped = ROBOTS / "delta" / "robot.yaml"
     said = {key: value for key, value in read_yaml(shipped).items() if key not in ("loops", "xacro")}
     loops = {"loops": read_yaml(shipped)["loops"], "base_frame": "nowhere"}
@@ -314,7 +314,7 @@ def test_a_model_names_its_robot_relative_to_itself(arm):
 
 
 @pytest.mark.parametrize("more", ["layout: wide\n", "heat: {melt_degC: 1600}\n"])
-def test_what_only_the_pouring_robot_has_is_refused_beside_another(arm, more):
+def test_sections_of_the_pouring_robot_are_refused_for_another_robot(arm, more):
     path = arm.parent / "model.yaml"
     path.write_text(f"format: pouring_robot/model/1\nrobot: robot.yaml\n{more}", encoding="utf-8")
     with pytest.raises(DescriptionError, match="is for the pouring robot only"):
@@ -331,8 +331,8 @@ def test_offsets_of_another_robots_drives_are_in_their_unit(arm):
 
 
 @pytest.mark.parametrize("name", ["arm", "delta", "five_bar", "hexapod"])
-def test_what_is_exported_is_a_robot_again(name, tmp_path):
-    """The folder that export writes stands alone: URDF as built, robot file, nothing of the first folder."""
+def test_an_exported_robot_can_be_loaded_again(name, tmp_path):
+    """The exported folder is self-contained: URDF as built, robot file, no reference to the first folder."""
     from pouring_robot.robot.description.urdf import write_urdf
     from pouring_robot.robot.export.closed_robot import ClosedRobot
 
@@ -345,7 +345,7 @@ def test_what_is_exported_is_a_robot_again(name, tmp_path):
     assert again.mechanism().shared_model.nq == model.mechanism().shared_model.nq
 
 
-def test_what_is_exported_has_the_robots_own_tolerances(arm):
+def test_an_exported_robot_has_its_own_tolerances(arm):
     (arm.parent / "shop").mkdir()
     shutil.copy(ROOT / "examples" / "machines" / "hangprinter" / "tolerances.yaml", arm.parent / "shop" / "own.yaml")
     arm.write_text(FILE + "tolerances: shop/own.yaml\n", encoding="utf-8")
@@ -355,7 +355,7 @@ def test_what_is_exported_has_the_robots_own_tolerances(arm):
     (arm.parent / "shop" / "own.yaml").unlink()
     shutil.copy(arm.parent / "arm.urdf", arm.parent / "shop" / "two_joints.urdf")
     again = RobotDefinition.load(arm.parent / "shop" / "robot.yaml")
-    assert Tolerances.of(again).kinds.joint_centre.std == 50.0  # mm; the shipped ones say 1
+    assert Tolerances.of(again).kinds.joint_centre.std == 50.0  # mm; the shipped file has 1
 
 
 def test_load_robot_says_how_another_robot_is_loaded():
@@ -365,7 +365,7 @@ def test_load_robot_says_how_another_robot_is_loaded():
         load_robot(ROBOTS / "delta" / "robot.yaml")
 
 
-def test_joints_may_be_of_another_kind_than_the_urdf_says(arm):
+def test_joints_may_be_of_another_kind_than_in_the_urdf(arm):
     arm.write_text(FILE + "joint_types: {mount: universal_xz}\nlocked_joints: [mount_X]\n", encoding="utf-8")
     definition = RobotDefinition.load(arm)
     assert {"mount_X", "mount_Z"} <= set(definition.mechanism().joint_columns)
@@ -395,7 +395,7 @@ def test_ball_joints_stay_in_the_robot_file(arm):
         ("drives:", "travel: [reach]\ndrives:", "'reach' is a drive"),
     ],
 )
-def test_drives_that_cannot_be_are_refused(arm, old, new, says):
+def test_impossible_drives_are_refused(arm, old, new, says):
     arm.write_text(FILE.replace(old, new), encoding="utf-8")
     with pytest.raises(DescriptionError, match=says):
         RobotDefinition.load(arm)
@@ -405,7 +405,7 @@ def test_drives_that_cannot_be_are_refused(arm, old, new, says):
     ("home", "says"),
     [("", "its home (all joints at zero, as the file gives none): "), ("home: {shoulder: 1.0}", "its home: ")],
 )
-def test_a_home_at_which_the_robot_cannot_stand_is_named(arm, home, says):
+def test_a_home_outside_the_robots_reach_is_named(arm, home, says):
     (arm.parent / "arm.urdf").write_text(ARM.replace('lower="0"', 'lower="0.2"'), encoding="utf-8")
     arm.write_text(FILE + home, encoding="utf-8")
     with pytest.raises(NoSolutionError) as error:
@@ -434,15 +434,15 @@ def test_a_home_at_which_the_robot_cannot_stand_is_named(arm, home, says):
         ('<link name="tip"/>', FAR.format("nan 0 0"), "link 'tip': a centre of mass nan m from its frame"),
     ],
 )
-def test_what_readers_of_urdfs_take_without_a_word_is_refused(arm, old, new, says):
+def test_errors_that_urdf_readers_accept_silently_are_refused(arm, old, new, says):
     assert old in ARM
     arm.with_name("arm.urdf").write_text(ARM.replace(old, new), encoding="utf-8")
     with pytest.raises(DescriptionError, match=re.escape(says)):
         RobotDefinition.load(arm)
 
 
-def test_a_centre_of_mass_may_be_thirty_times_as_far_as_the_robot_is_long(arm):
-    """A metre, the slide's own and the tip's tenth."""
+def test_a_centre_of_mass_may_be_as_far_as_thirty_lengths_of_the_robot(arm):
+    """A metre, the slide's travel and a tenth for the tip."""
     arm.with_name("arm.urdf").write_text(ARM.replace('<link name="tip"/>', FAR.format("0 62.5 0")), encoding="utf-8")
     assert RobotDefinition.load(arm).name == "two_joints"
 
@@ -455,14 +455,14 @@ def test_blank_lines_may_stand_before_a_urdf(arm, before):
     assert "urdf: arm.urdf" in first_robot_file(arm.with_name("arm.urdf"), arm.parent)
 
 
-def test_limits_of_a_urdf_that_leaves_them_out_bind_nothing(arm):
+def test_missing_limits_of_a_urdf_do_not_restrict(arm):
     arm.with_name("arm.urdf").write_text(ARM.replace('lower="0" upper="1" ', ""), encoding="utf-8")
     definition = RobotDefinition.load(arm)
     assert "reach" not in definition.mechanism().joint_limits()
     drives, _ = definition.workspace(definition.drawing())
     turned, slid = np.ptp(drives, axis=0)
     assert turned > 1.0
-    assert slid == 0.0  # nobody knows how far it goes
+    assert slid == 0.0  # its range is unknown
     start = definition.drawing().starts(np.vstack([drives[0], [np.nan, 0.0]]))
     assert definition.drawing().in_reach(start).tolist() == [True, False]  # without limits, and without a pose
 
@@ -478,7 +478,7 @@ def test_limits_of_a_urdf_that_leaves_them_out_bind_nothing(arm):
         ("home: {reach: 9.0}", "home: 'reach' at 9 is beyond its limits"),
     ],
 )
-def test_what_the_urdf_contradicts_is_refused(tmp_path, said, words):
+def test_entries_that_the_urdf_contradicts_are_refused(tmp_path, said, words):
     (tmp_path / "r.urdf").write_text(ARM, encoding="utf-8")
     text = f"format: pouring_robot/robot/1\nname: r\nurdf: r.urdf\nbase_frame: base\nend_frame: tip\n{said}\n"
     (tmp_path / "robot.yaml").write_text(text + "drives: [{joint: shoulder}, {joint: reach}]\n", encoding="utf-8")
@@ -487,7 +487,7 @@ def test_what_the_urdf_contradicts_is_refused(tmp_path, said, words):
 
 
 def test_redundant_drives_agree_all_over_the_workspace():
-    """Four lines hold a point: where they agree the loops close, and where they do not they are metres open."""
+    """Four lines hold a point: where they agree the loops close, and elsewhere they are open by metres."""
     robot = RobotDefinition.load("examples/machines/hangprinter/robot.yaml")
     drawing = robot.drawing()
     drives, start = robot.workspace(drawing, 24)
@@ -497,8 +497,8 @@ def test_redundant_drives_agree_all_over_the_workspace():
     assert ((lower <= drives) & (drives <= upper)).all()
 
 
-def test_lines_that_agree_are_as_long_as_the_way_to_their_anchors():
-    """Where a line runs along an axis of its anchor it cannot turn further: there lines agree and loops gape."""
+def test_lines_that_agree_have_the_distance_to_their_anchors():
+    """Along an axis of its anchor a line cannot turn further: there lines agree although loops stay open."""
     robot = RobotDefinition.load("examples/machines/hangprinter/robot.yaml")
     drives, start = robot.workspace(robot.drawing(), 90)
     anchors = np.array([[0, -1.5939, -0.1], [1.5521, 0.8961, -0.1], [-1.3677, 0.7897, -0.1], [0, 0, 2.355]])

@@ -85,7 +85,7 @@ def pinocchio_pose(mechanism, chain, values):
 
 
 def random_values(rng, count=20):
-    """Anything a joint can take, not only what it needs to: the identities hold everywhere."""
+    """Any joint values, not only those in use: the identities hold everywhere."""
     return rng.uniform([-1.5, -1.0, 0.3, -1.0, -1.5], [1.5, 1.0, 1.0, 1.0, 1.5], (count, 5))
 
 
@@ -155,7 +155,7 @@ def test_axes_lie_where_the_design_puts_them(table):
                 assert pose[:3, 3] == pytest.approx(centre, abs=1e-15)
 
 
-def test_parameters_say_what_they_are(table):
+def test_parameters_describe_themselves(table):
     assert "leg1_s2" in table["theta_e1_3"].reason and table["theta_e1_3"].part == "fixed rod"
     parts = {p.transform: p.part for p in table.parameters}
     assert list(parts.values()) == [
@@ -227,7 +227,7 @@ def test_known_twists(table, layout):
     fixed_y = CENTRES[layout][0][1] * 1e-3
     assert table["alpha_e1_12"].twist == pytest.approx((0, 0, 0, 0, 0, -1), abs=1e-15)
     assert table["theta_e1_1"].twist == pytest.approx((0, 0, 0, 0, 1, 0), abs=1e-15)
-    # A turn by -1 about X of O moves a point at y by -y in z.
+    # A rotation by -1 about X of O moves a point at y by -y in z.
     assert table["alpha_e1_01"].twist == pytest.approx((0, 0, -fixed_y, -1, 0, 0), abs=1e-15)
     # The lower centre in platform axes: a longer a_6o moves the seat away from o.
     assert table["a_e1_6o"].twist == pytest.approx((-1, 0, 0, 0, 0, 0), abs=1e-15)
@@ -267,13 +267,13 @@ def norm(table, errors):
 
 
 def test_the_found_errors_are_the_smallest(table):
-    """Every small change of the errors that keeps the chain the same makes them larger."""
+    """Every small change of the errors that leaves the chain unchanged makes them larger."""
     rng = np.random.default_rng(9)
     found = table.errors_from_placements(random_placements(rng, table))
     for chain in CHAINS:
         own = [name for name in found if f"_e{chain}_" in name]
         unseen = unseen_changes(table, chain, own, found)
-        # 29 numbers, 24 of which the pose shows.
+        # 29 numbers, of which the pose shows 24.
         assert unseen.shape == (5, 29)
         for change in (*unseen, *(-unseen), *rng.normal(size=(10, 5)) @ unseen):
             moved = found | {name: found[name] + 1e-4 * way for name, way in zip(own, change, strict=True)}
@@ -281,7 +281,7 @@ def test_the_found_errors_are_the_smallest(table):
 
 
 def unseen_changes(table, chain, names, errors):
-    """Return the directions in which no joint value shows a change of the errors, by finite differences."""
+    """Return the directions in which a change of the errors shows at no joint values, by finite differences."""
     values = random_values(np.random.default_rng(1), 10)
     columns = []
     for name in names:
@@ -291,8 +291,8 @@ def unseen_changes(table, chain, names, errors):
     return axes[sizes < 1e-6]
 
 
-def test_single_error_comes_back_where_nothing_else_can_say_it(table):
-    # The twist of the leg about itself and the tilts inside the rods have no double.
+def test_a_single_error_is_recovered_where_no_other_is_equivalent(table):
+    # The twist of the leg about itself and the tilts inside the rods have no equivalent.
     for name in ("theta_e1_4", "alpha_e2_34", "alpha_e3_45", "alpha_e4_23", "theta_e1_o", "alpha_e2_56"):
         back = table.errors_from_placements(table.placement_errors({name: 4e-3}))
         assert back[name] == pytest.approx(4e-3, abs=1e-13)
@@ -322,7 +322,7 @@ def test_open_branch_has_the_papers_sensitive_errors():
     assert spread["alpha_e1_12"] < 0.3 * spread["theta_e1_1"]
     for name in ("alpha_e1_6o", "theta_e1_o"):
         assert np.abs(shifts[name]).max() < 1e-12
-    # They pile up at the moving platform's half-width times 4 mrad (the paper: 1.3175 mm, the middle of such a bin).
+    # They accumulate at the platform's half-width times 4 mrad (the paper: 1.3175 mm, the middle of such a bin).
     edges = np.arange(-1.4, 0.0, 0.005) * 1e-3
     for name in ("alpha_e1_56", "theta_e1_4"):
         counts, _ = np.histogram(shifts[name][:, 0], edges)
@@ -350,7 +350,7 @@ def test_bad_numbers(table):
         table.chain_poses(1, np.zeros(4))
 
 
-def test_errors_that_are_no_errors(table):
+def test_invalid_errors(table):
     turned = {f"leg1_s{k}": displacement((1.0, 1.0, -1.0), (2.0, -3.0, 2.5 - k)) for k in range(1, 6)}
     with pytest.raises(NoSolutionError, match="mm and mrad"):
         table.errors_from_placements(turned)

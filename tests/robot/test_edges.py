@@ -1,4 +1,4 @@
-"""For extreme numbers the answer is correct, or a typed error; never a NaN and never a traceback."""
+"""At extreme numbers the answer is right or a typed error; never a NaN and never a traceback."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ JOINTS = [f"leg{i}_{joint}" for i in CHAINS for joint in ("s1", "s2", "s3", "s4"
 
 
 def with_errors(size_mm, size_mrad, seed):
-    """Return a robot whose every joint is off by so much along and about every axis, one way or the other."""
+    """Return a robot with an error of that size in and about every axis of every joint, with random signs."""
     signs = np.random.default_rng(seed).choice((-1.0, 1.0), (len(JOINTS), 2, 3))
     placed = {
         joint: JointPlacement(
@@ -51,8 +51,8 @@ def test_singular_and_far_poses_are_out_of_reach(as_built, at_mm, tilt_deg):
             asked(pose)
 
 
-def test_a_drive_at_its_limit_closes_and_one_beyond_does_not(drawing):
-    """Upwards in the middle, until two legs are as short as they can be, to a hundredth of a micrometre."""
+def test_a_drive_at_its_limit_closes_and_one_beyond_it_does_not(drawing):
+    """Upwards in the middle, until two legs are at their minimum, to a hundredth of a micrometre."""
     shortest = 0.26
 
     def at(height):
@@ -65,14 +65,14 @@ def test_a_drive_at_its_limit_closes_and_one_beyond_does_not(drawing):
 
 
 @pytest.mark.parametrize("size_mrad", [0.0, 1e-9, 1e-6])
-def test_no_and_tiny_errors_move_nothing(size_mrad):
-    """By 24 joints, each turned about three axes, whose arms and transmission come to some metres, and by round-off."""
+def test_zero_and_tiny_errors_move_nothing(size_mrad):
+    """At most by 24 joints, each rotated about three axes, with levers and ratios of some metres, and by round-off."""
     assert off_m(with_errors(0.0, size_mrad, 0).locate(POSE)) <= 1e-12 + 24 * 3 * 10.0 * size_mrad * MRAD
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_50_mrad_everywhere_one_at_a_time_and_in_an_array_are_alike(seed):
-    """Most do not close; what does is the same to a nanometre."""
+def test_50_mrad_everywhere_gives_the_same_one_at_a_time_and_in_an_array(seed):
+    """Most do not close; those that do agree to a nanometre."""
     robot = with_errors(2.5, 50.0, seed)
     located = robot.locate([POSE])
     try:
@@ -91,14 +91,14 @@ def held_by(stiffness):
 
 
 @pytest.mark.parametrize("stiffness", [1e-300, 1e-30, 1e-6, 1.0, 1e3])
-def test_what_is_too_soft_to_carry_the_ladle_does_not_close(as_built, stiffness):
+def test_parts_too_soft_to_carry_the_ladle_do_not_close(as_built, stiffness):
     loaded = under_weight(as_built, stiffness_at(as_built, POSE, 500.0, held_by(stiffness)), 500.0)
     with pytest.raises(ClosureError, match="do not close"):
         loaded.locate(POSE)
 
 
-def test_the_stiffer_the_less_it_yields_and_rigid_is_rigid(as_built):
-    """As stiffness grows by a factor, what weight adds shrinks by it, down to nothing."""
+def test_deflection_is_inverse_to_stiffness_and_zero_for_rigid_parts(as_built):
+    """As stiffness grows by a factor, the deflection by weight shrinks by it, down to nothing."""
     rigid = under_weight(as_built, stiffness_at(as_built, POSE, 500.0, held_by(1e300)), 500.0).locate(POSE)
     added = []
     for stiffness in (1e8, 1e9, 1e10, 1e16, 1e20):
@@ -112,6 +112,6 @@ def test_the_stiffer_the_less_it_yields_and_rigid_is_rigid(as_built):
 
 
 @pytest.mark.parametrize("payload_kg", [1e6, 1e30, 1e300])
-def test_no_payload_is_too_heavy_to_be_refused(as_built, payload_kg):
+def test_an_absurd_payload_is_refused_however_heavy(as_built, payload_kg):
     with pytest.raises(ClosureError, match="do not close"):
         under_weight(as_built, stiffness_at(as_built, POSE, payload_kg), payload_kg).locate(POSE)

@@ -46,12 +46,12 @@ def written(closed, folder, form="urdf", **options):
 
 
 def contents(folder):
-    """Return what the files of a folder hold, by their path in it."""
+    """Return the contents of the files of a folder, by relative path."""
     return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.*")}
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_from_python_it_is_what_the_command_writes(form, tmp_path):
+def test_the_python_export_equals_that_of_the_command(form, tmp_path):
     robot, folders = ROBOTS / "five_bar" / "robot.yaml", (tmp_path / "python", tmp_path / "command")
     files = export_robot(Robot.load(robot), folders[0], form)
     assert main(["export", "--robot", str(robot), "--format", form, "--out", str(folders[1])]) == 0
@@ -60,7 +60,7 @@ def test_from_python_it_is_what_the_command_writes(form, tmp_path):
         export_robot(Robot.load(robot), folders[0], form)
 
 
-def test_a_format_that_nobody_knows_and_what_is_no_robot_are_refused(tmp_path):
+def test_an_unknown_format_and_other_objects_are_refused(tmp_path):
     with pytest.raises(BadInputError, match="unknown format 'mjc'; did you mean 'mjcf'"):
         export_robot(PouringRobot(), tmp_path, "mjc")
     with pytest.raises(BadInputError, match=r"give a Robot, .* not a str"):
@@ -80,21 +80,21 @@ def of_tree(urdf, values, base, tip):
 
 
 def sdf_pose(element):
-    """Return the pose that an element of SDF says, as versions up to 1.8 say it."""
+    """Return the pose stated by an element of SDF, in the way of versions up to 1.8."""
     x, y, z, *rpy = (float(value) for value in element.find("pose").text.split())
     return pin.SE3(pin.rpy.rpyToMatrix(np.array(rpy)), np.array([x, y, z]))
 
 
 @pytest.fixture(scope="module")
 def crooked():
-    """A robot with tilted axes and a drive that stands beyond its command."""
+    """A robot with tilted axes and a drive beyond its command."""
     model = crooked_model(seed=3, axis_mrad=1.0)
     return model.model_copy(update={"drive_offsets": {"leg2_s3": DriveOffset(offset_mm=0.7)}})
 
 
 @pytest.mark.parametrize("pose", random_poses(3, seed=11))
-def test_the_tree_stands_where_the_closed_robot_stands(crooked, pose):
-    """The package's answer comes from the model with its offset; the tree's from joint values that are commands."""
+def test_the_tree_has_the_pose_of_the_closed_robot(crooked, pose):
+    """The package's answer is from the model with its offset, the tree's from joint values that are commands."""
     from pouring_robot.robot.pouring_robot import PouringRobot
 
     closed, located = at_pose(crooked, pose), PouringRobot(crooked).locate(pose)
@@ -121,7 +121,7 @@ TIED_OFFSETS = {"turn": 2e-3, "slide": 0.5e-3}
 
 @pytest.fixture
 def tied(tmp_path):
-    """A robot whose joints follow two drives that stand beyond their commands, the spindle by 150 mrad."""
+    """A robot whose joints follow two drives that are beyond their commands, the spindle by 150 mrad."""
     mass = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
     parts, parent = ['<robot name="tied"><link name="base"/>'], "base"
     for name, (kind, place, more) in TIED.items():
@@ -141,13 +141,13 @@ def tied(tmp_path):
 
 
 def tied_values(turn, slide):
-    """Return what all joints of that arm stand at, as whoever reads the URDF takes it."""
+    """Return the values of all joints of that arm, as a reader of the URDF computes them."""
     belt = -0.5 * turn + 0.1
     return {"turn": turn, "slide": slide, "belt": belt, "wheel": 3.0 * belt, "spindle": 300.0 * slide}
 
 
 def tied_tip(turn, slide):
-    """Return where its tip stands by plane trigonometry, its drives standing so."""
+    """Return the pose of its tip at drive values, by plane trigonometry."""
     values = tied_values(turn + TIED_OFFSETS["turn"], slide + TIED_OFFSETS["slide"])
     heading, place = 0.0, np.array([0.0, 0.0, 0.3 + values["slide"] - 0.05])
     for name, length in (("turn", 0.35 + 0.2), ("belt", 0.1), ("wheel", 0.05), ("spindle", 0.02)):
@@ -162,7 +162,7 @@ def test_joints_that_mimic_a_drive_follow_its_offset_in_every_format(tied, comma
     location = robot_of(tied).location_at(list(command))
     assert pose_gap(location.actual.pose("base", "tip_mount_link"), expected) == same
     closed = at_pose(tied, list(command))
-    for there in (command, (0.7, 0.02)):  # a reader's mimic holds at other values, too
+    for there in (command, (0.7, 0.02)):  # a reader's mimic also holds at other values
         tree = of_tree(closed.urdf, tied_values(*there), "base", "tip_mount_link")
         assert pose_gap(tree, tied_tip(*there)) == same
     assert pose_gap(of_tree(closed.urdf_zero_here(), {}, "base", "tip_mount_link"), expected) == same
@@ -177,7 +177,7 @@ def test_joints_that_mimic_a_drive_follow_its_offset_in_every_format(tied, comma
 
 
 @pytest.mark.parametrize("form", ["sdf", "drake"])
-def test_sdf_says_what_it_cannot_of_joints_that_follow(tied, tmp_path, capsys, form):
+def test_sdf_reports_joints_that_cannot_follow(tied, tmp_path, capsys, form):
     assert main(["export", "--robot", str(tied.definition.path), "--out", str(tmp_path / "out"), "--format", form]) == 0
     said = (
         "SDF 1.7 has no mimic joints, so these joints move freely until the simulator couples them: belt = -0.5 turn, "
@@ -188,8 +188,8 @@ def test_sdf_says_what_it_cannot_of_joints_that_follow(tied, tmp_path, capsys, f
 
 
 @pytest.mark.parametrize("form", ["sdf", "drake"])
-def test_sdf_puts_a_motor_at_every_drive_and_at_nothing_else(tied, tmp_path, form):
-    """What reads an effort of 0 puts none there; a URDF that was drawn by CAD says so of all joints."""
+def test_sdf_has_a_motor_at_every_drive_and_nowhere_else(tied, tmp_path, form):
+    """Readers put no motor where the effort is 0, which URDFs from CAD state for all joints."""
     urdf = tied.definition.path.with_name("tied.urdf")
     urdf.write_text(urdf.read_text("utf-8").replace('effort="9"', 'effort="0"'), "utf-8")
     closed = at_pose(RobotModel.for_robot(tied.definition.path), [0.35, 0.005])
@@ -198,15 +198,15 @@ def test_sdf_puts_a_motor_at_every_drive_and_at_nothing_else(tied, tmp_path, for
     assert {name for name, effort in moving.items() if effort > 0.0} == {"turn", "slide"}
 
 
-def test_tables_of_joints_are_of_the_tree_whose_joints_hold_offsets(tied):
+def test_joint_tables_are_those_of_the_tree_whose_joints_include_offsets(tied):
     robot, command = robot_of(tied), [0.35, 0.005]
     row = JointRow.of(robot.location_at(command).actual, tied.drive_offset_values())
     for values in (row.values, at_pose(tied, command).joints):
         assert values == pytest.approx(tied_values(*command), abs=1e-12)
 
 
-def test_joints_without_limits_are_turned_as_far_as_commanded(tied):
-    """Of them a closure holds cosine and sine; what follows a drive turns as often as that does."""
+def test_joints_without_limits_turn_as_far_as_commanded(tied):
+    """A closure holds their cosine and sine; a joint that follows a drive turns in proportion."""
     path, command = tied.definition.path, [0.35 + 10.0 * np.pi, 0.15]
     urdf = path.with_name("tied.urdf")
     urdf.write_text(urdf.read_text("utf-8").replace('"turn" type="revolute"', '"turn" type="continuous"'), "utf-8")
@@ -220,7 +220,7 @@ def test_joints_without_limits_are_turned_as_far_as_commanded(tied):
     assert pose["joints"] == pytest.approx(tied_values(*command), abs=1e-9)
 
 
-def test_zeros_that_were_moved_keep_the_limits_where_they_were(crooked):
+def test_moved_zeros_keep_the_limits_in_place(crooked):
     closed = ClosedRobot.of(crooked)
     one, other = (pin.buildModelFromXML(text) for text in (closed.urdf, closed.urdf_zero_here()))
     values = np.array([closed.joints[name] for name in list(one.names)[1:]])
@@ -228,7 +228,7 @@ def test_zeros_that_were_moved_keep_the_limits_where_they_were(crooked):
     np.testing.assert_allclose(other.upperPositionLimit + values, one.upperPositionLimit, rtol=0, atol=1e-12)
 
 
-def test_zeros_that_were_moved_keep_where_a_controller_holds_back_and_its_switches(tied):
+def test_moved_zeros_keep_soft_limits_and_switches_in_place(tied):
     path = tied.definition.path.with_name("tied.urdf")
     held = '<safety_controller soft_lower_limit="0.01" soft_upper_limit="0.19" k_velocity="5"/>'
     held += '<calibration rising="0.02"/>'
@@ -242,7 +242,7 @@ def test_zeros_that_were_moved_keep_where_a_controller_holds_back_and_its_switch
     assert holds["k_velocity"] == "5"
 
 
-def test_a_tree_with_ball_joints_stands_closed_at_moved_zeros_and_says_that_it_does_not_elsewhere(tmp_path, capsys):
+def test_a_tree_with_ball_joints_is_closed_at_moved_zeros_and_reported_open_elsewhere(tmp_path, capsys):
     """A crank, a rod on a ball at its end, and a slide that the rod pushes: its tip is on the slide's pin."""
     mass = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
     links = "".join(f'<link name="{name}">{mass}</link>' for name in ("base", "crank", "rod", "slider", "rod_tip"))
@@ -264,7 +264,7 @@ def test_a_tree_with_ball_joints_stands_closed_at_moved_zeros_and_says_that_it_d
         encoding="utf-8",
     )
     closed = at_pose(RobotModel.for_robot(tmp_path / "robot.yaml"), [0.5])
-    # The crank's end is 0.15 away at 0.5 rad, and the rod 0.4 long from there to the slide's pin at y 0.03, z 0.5.
+    # The crank's end is at radius 0.15, 0.5 rad; the rod is 0.4 long from there to the slide's pin at y 0.03, z 0.5.
     along = 0.15 * np.cos(0.5) + np.sqrt(0.4**2 - 0.01**2 - (0.15 * np.sin(0.5)) ** 2)
     for name in ("rod_tip", "slider"):
         found = of_tree(closed.urdf_zero_here(), {}, "base", name).translation
@@ -276,8 +276,8 @@ def test_a_tree_with_ball_joints_stands_closed_at_moved_zeros_and_says_that_it_d
         assert f"URDF has no ball joints: ball turns about one axis there, so the tree closes {said}" in printed
 
 
-def test_how_far_the_tree_is_off_elsewhere_is_said(crooked):
-    """Ten poses closed one by one lie within the printed figures."""
+def test_the_error_of_the_tree_elsewhere_is_reported(crooked):
+    """Ten poses closed one by one agree with the printed figures."""
     from pouring_robot.robot.pouring_robot import PouringRobot
 
     closed, robot = ClosedRobot.of(crooked), PouringRobot(crooked.with_offsets_placed())
@@ -293,7 +293,7 @@ def test_how_far_the_tree_is_off_elsewhere_is_said(crooked):
 
 
 def test_a_joint_without_limits_turns_by_its_angle(tmp_path):
-    """The five-bar is exact as a tree, whatever its URDF calls the kind of its joints; one is called as its link is."""
+    """The five-bar is exact as a tree, whatever kind its URDF gives its joints; one joint has the name of its link."""
     shutil.copytree(ROBOTS, tmp_path / "robots")
     file = tmp_path / "robots" / "five_bar" / "robot.yaml"
     urdf = RobotModel.for_robot(file).definition.urdf().replace('type="revolute"', 'type="continuous"')
@@ -305,7 +305,7 @@ def test_a_joint_without_limits_turns_by_its_angle(tmp_path):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_other_robots_stand_closed_in_mujoco_with_their_masses(name, tmp_path):
+def test_other_robots_are_closed_in_mujoco_with_their_masses(name, tmp_path):
     closed = ClosedRobot.of(RobotModel.for_robot(ROBOTS / name / "robot.yaml"))
     model = mujoco.MjModel.from_xml_path(str(written(closed, tmp_path, "mjcf")))
     data = mujoco.MjData(model)
@@ -325,8 +325,8 @@ def test_other_robots_stand_closed_in_mujoco_with_their_masses(name, tmp_path):
         assert data.joint(joint).qpos[0] == pytest.approx(value, abs=1e-12)
 
 
-def test_mujocos_servos_pull_no_harder_than_the_urdf_says(crooked, tmp_path):
-    """Without the keyframe its controls are zero, half a metre from where the legs stand."""
+def test_mujocos_servos_have_the_effort_limits_of_the_urdf(crooked, tmp_path):
+    """Without the keyframe its controls are zero, half a metre from the legs' lengths."""
     closed = ClosedRobot.of(crooked)
     model = mujoco.MjModel.from_xml_path(str(written(closed, tmp_path, "mjcf")))
     data = mujoco.MjData(model)
@@ -337,7 +337,7 @@ def test_mujocos_servos_pull_no_harder_than_the_urdf_says(crooked, tmp_path):
     np.testing.assert_allclose(pulled, efforts, rtol=1e-12)
 
 
-def test_a_servo_of_which_no_effort_is_said_has_no_limit(tied, tmp_path):
+def test_a_servo_without_a_stated_effort_has_no_limit(tied, tmp_path):
     path = tied.definition.path.with_name("tied.urdf")
     path.write_text(path.read_text("utf-8").replace('upper="0.2" effort="9"', 'upper="0.2" effort="0"'), "utf-8")
     closed = ClosedRobot.of(RobotModel.for_robot(tied.definition.path))
@@ -356,7 +356,7 @@ def test_mujocos_loops_are_as_stiff_as_ours(crooked, tmp_path):
     np.testing.assert_allclose(rows[:, 3:] * (scale[:, None] / 2.0) ** 2, 1e5, rtol=1e-6)  # it counts half an angle
 
 
-def test_loops_in_mujoco_are_as_stiff_at_a_link_whose_mass_is_another_s_that_is_fixed_to_it(tmp_path):
+def test_mujocos_loops_are_as_stiff_at_a_link_whose_mass_is_in_another_fixed_to_it(tmp_path):
     source = ROBOTS / "five_bar" / "robot.yaml"
     root = etree.fromstring(RobotModel.for_robot(source).definition.urdf().encode())
     etree.SubElement(root, "link", name="pin_body").append(root.find("link[@name='right_pin']/inertial"))
@@ -374,7 +374,7 @@ def test_loops_in_mujoco_are_as_stiff_at_a_link_whose_mass_is_another_s_that_is_
 
 
 def settled(closed, payload_kg, most=40):
-    """Let a robot go in MuJoCo, the drives' servos at their commands; return the platform in the base at rest.
+    """Simulate a robot in MuJoCo, the drives' servos at their commands; return the platform in the base at rest.
 
     The file holds the loops' and the servos' stiffness; gravity is switched on with a payload.
     """
@@ -405,14 +405,14 @@ def settled(closed, payload_kg, most=40):
 
 
 def ours(closed, loads):
-    """Return the same by the package: servos yield as the file says."""
+    """Return the same by the package: servos are as compliant as in the file."""
     stiffness = {joint.name: joint.servo_stiffness for joint in Assembly.of(closed).servos}
     drives = {name: stiffness[name] for name in closed.mechanism.loops.drives}
     solver = ClosureSolver(closed.mechanism, Loads(drive_stiffness=drives, **loads))
     return solver.solve_from(closed.result.configuration).pose("fixed_platform", "ladle_lip")
 
 
-def test_mujoco_settles_where_we_say_under_a_full_ladle(crooked):
+def test_mujoco_settles_at_our_pose_under_a_full_ladle(crooked):
     for pose in random_poses(1, seed=13):
         closed = at_pose(crooked, pose)
         cold = closed.result.pose("fixed_platform", "ladle_lip")
@@ -423,7 +423,7 @@ def test_mujoco_settles_where_we_say_under_a_full_ladle(crooked):
             assert pose_gap(settled(closed, payload), expected)[0] < 0.02 * moved
 
 
-def test_contacts_of_what_is_joined_are_left_out_and_others_not(crooked, tmp_path):
+def test_contacts_of_joined_bodies_are_excluded_and_no_others(crooked, tmp_path):
     closed = ClosedRobot.of(crooked)
     pairs = joined_or_touching(closed, Assembly.of(closed))
     assert ("leg2_upper_cross", "leg2_fixed_rod") in pairs
@@ -449,7 +449,7 @@ def test_a_folder_is_complete_and_its_meshes_are_the_ladle(form, crooked, tmp_pa
         assert float(row[f"{name}_{table['units'][name]}"]) == value
 
 
-def test_a_tree_with_its_zeros_here_has_no_files_that_count_from_others(crooked, tmp_path):
+def test_a_tree_with_moved_zeros_has_no_files_that_refer_to_others(crooked, tmp_path):
     closed = ClosedRobot.of(crooked)
     files = exported_files(closed, tmp_path, zero_here=True)
     assert not {path.name for path in files} & {"joints.csv", "joints.json", "loops.yaml"}
@@ -462,7 +462,7 @@ def test_a_tree_with_its_zeros_here_has_no_files_that_count_from_others(crooked,
 
 
 @pytest.mark.parametrize(("name", "words"), [("arm", "link turret moves"), ("five_bar", "that 'left_elbow' moves")])
-def test_what_has_no_mass_is_named_in_mjcf(name, words, tmp_path):
+def test_links_without_mass_are_named_in_mjcf(name, words, tmp_path):
     source = ROBOTS / name / f"{name}.urdf.xacro"
     root = etree.fromstring(RobotModel.for_robot(source.with_name("robot.yaml")).definition.urdf().encode())
     for inertial in root.xpath("//link/inertial"):
@@ -487,8 +487,8 @@ def test_what_has_no_mass_is_named_in_mjcf(name, words, tmp_path):
     ("tip_mount", "1 1 3", "link tip_mount_link: principal moments of inertia 1, 1, 3"),
     ("tip_mount", "1 -1 1", "link tip_mount_link: principal moments of inertia -1, 1, 1"),
 ])  # fmt: skip
-def test_mujoco_weighs_links_as_they_are_said_to_weigh(tied, tmp_path, link, moments, lacks):
-    """Whatever they look like, and whether it takes them."""
+def test_mujoco_has_the_stated_masses_of_links(tied, tmp_path, link, moments, lacks):
+    """Whatever their shapes, and whether or not MuJoCo accepts them."""
     path = tied.definition.source
     root = etree.parse(path)
     for entry in root.iterfind("link"):
@@ -514,7 +514,7 @@ def test_mujoco_weighs_links_as_they_are_said_to_weigh(tied, tmp_path, link, mom
     assert model.body_mass.sum() == pytest.approx(len(TIED) - (not moments))
 
 
-def test_sdf_links_stand_closed_and_weigh_what_they_weigh(crooked, tmp_path):
+def test_sdf_links_are_closed_and_have_their_masses(crooked, tmp_path):
     closed = ClosedRobot.of(crooked)
     for form, loops in (("sdf", "joint"), ("drake", "{http://drake.mit.edu}linear_bushing_rpy")):
         model = etree.parse(written(closed, tmp_path / form, form)).find("model")
@@ -526,7 +526,7 @@ def test_sdf_links_stand_closed_and_weigh_what_they_weigh(crooked, tmp_path):
 
 
 def test_loops_of_sdf_join_links_where_their_frames_meet(tmp_path):
-    """Readers of SDF 1.7 join links only; a ball joint turns about the place of the joint, not of the link."""
+    """Readers of SDF 1.7 join links only; a ball joint turns about the position of the joint, not of the link."""
     closed = ClosedRobot.of(RobotModel.for_robot(ROBOTS / "delta" / "robot.yaml"))
     model = etree.parse(written(closed, tmp_path / "out", "sdf")).find("model")
     links = {link.get("name"): link for link in model.iterfind("link")}
@@ -539,8 +539,8 @@ def test_loops_of_sdf_join_links_where_their_frames_meet(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["slide", "world"])
-def test_a_link_is_called_otherwise_where_its_name_is_taken(tied, tmp_path, name):
-    """Of a joint in SDF, where all in a model have names of their own; of what stands still in SDF and MuJoCo."""
+def test_a_link_is_renamed_where_its_name_is_taken(tied, tmp_path, name):
+    """By a joint in SDF, where all names in a model are unique, or by what is fixed, in SDF and MuJoCo."""
     path = tied.definition.source
     path.write_text(path.read_text("utf-8").replace("slide_link", name), encoding="utf-8")
     closed = at_pose(RobotModel.for_robot(path.with_name("robot.yaml")), [0.35, 0.01])
@@ -553,7 +553,7 @@ def test_a_link_is_called_otherwise_where_its_name_is_taken(tied, tmp_path, name
     assert model.body_mass.sum() == pytest.approx(len(TIED))
 
 
-def test_a_robot_called_as_a_path_stays_in_its_folder(tied, tmp_path):
+def test_a_robot_named_like_a_path_stays_in_its_folder(tied, tmp_path):
     path = tied.definition.source
     path.write_text(path.read_text("utf-8").replace('robot name="tied"', 'robot name="../tied"'), encoding="utf-8")
     closed = at_pose(RobotModel.for_robot(path.with_name("robot.yaml")), [0.35, 0.01])
@@ -567,10 +567,10 @@ def test_a_robot_called_as_a_path_stays_in_its_folder(tied, tmp_path):
     ("visual/part.stl", "collision/part.stl", "1 1 1"),
     ("visual/part.stl", "collision/part.obj", "1 1 1"),
     ("visual/part.obj", "collision/part.stl", "1 1 1"),
-    ("part.stl", "part.stl", "1 -3 1"),  # one mesh in two sizes, as of a left and a right leg
+    ("part.stl", "part.stl", "1 -3 1"),  # one mesh in two sizes, as for a left and a right leg
 ])  # fmt: skip
-def test_every_format_has_each_mesh_in_its_own_place(tied, tmp_path, seen, touched, scale):
-    """A long box is seen, and what it touches with is a block, or the same box in another size."""
+def test_every_format_keeps_meshes_of_the_same_name_apart(tied, tmp_path, seen, touched, scale):
+    """A long box is visible, and the collision shape is a block, or the same box in another size."""
     path, sizes = tied.definition.source, {touched: np.array([0.1, 0.1, 0.1])} | {seen: np.array([0.1, 0.2, 0.3])}
     for name, size in sizes.items():
         (path.parent / name).parent.mkdir(exist_ok=True)
@@ -595,7 +595,7 @@ def test_every_format_has_each_mesh_in_its_own_place(tied, tmp_path, seen, touch
             assert np.ptp(trimesh.load_mesh(out.parent / name).bounds, axis=0) == pytest.approx(size, rel=1e-6)
 
 
-def test_axes_have_length_one_for_readers_that_take_them_as_they_are(tied, tmp_path):
+def test_axes_are_normalised_for_readers_that_do_not_do_so(tied, tmp_path):
     path = tied.definition.source
     path.write_text(path.read_text("utf-8").replace('xyz="0 0 1"', 'xyz="0 0 2"'), encoding="utf-8")
     closed = at_pose(RobotModel.for_robot(path.with_name("robot.yaml")), [0.35, 0.01])
@@ -605,8 +605,8 @@ def test_axes_have_length_one_for_readers_that_take_them_as_they_are(tied, tmp_p
     np.testing.assert_allclose(robot.get_transform("slide_link", "base"), expected, atol=1e-12)
 
 
-def test_each_shape_has_its_own_colour_where_materials_are_called_alike(tied, tmp_path):
-    """As those that CAD programs write, which have no names; a name alone means the colour that has it."""
+def test_each_shape_has_its_own_colour_where_materials_share_a_name(tied, tmp_path):
+    """As those of CAD programs, which have no names; a name alone refers to the colour with that name."""
     path, root = tied.definition.source, etree.parse(tied.definition.source)
     etree.SubElement(etree.SubElement(root.getroot(), "material", name="blue"), "color", rgba="0 0 1 1")
     for name, rgba in (("", "1 0 0 1"), ("", "0 1 0 1"), ("blue", None)):
@@ -621,7 +621,7 @@ def test_each_shape_has_its_own_colour_where_materials_are_called_alike(tied, tm
     np.testing.assert_array_equal(model.geom_rgba, [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1]])
 
 
-def test_mujoco_loads_what_is_flat(tied, tmp_path):
+def test_mujoco_loads_flat_meshes(tied, tmp_path):
     path = tied.definition.source
     trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]]).export(
         path.parent / "flat.stl"
@@ -636,8 +636,8 @@ def test_mujoco_loads_what_is_flat(tied, tmp_path):
 @pytest.mark.parametrize("name", ["part.stl", "part.obj", "part.dae", "part.ply"])
 @pytest.mark.parametrize("content", ["", "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"])
 @pytest.mark.parametrize("what", ["visual", "collision"])
-def test_a_mesh_file_that_holds_none_is_named(tied, tmp_path, what, content, name):
-    """As what stands for large files in a repository until they are fetched."""
+def test_a_mesh_file_without_a_mesh_is_named(tied, tmp_path, what, content, name):
+    """Such as the pointers to large files in a repository before they are fetched."""
     path = tied.definition.source
     (path.parent / name).write_text(content, encoding="utf-8")
     shape = f'<{what}><geometry><mesh filename="{name}"/></geometry></{what}></link>'
@@ -647,7 +647,7 @@ def test_a_mesh_file_that_holds_none_is_named(tied, tmp_path, what, content, nam
         exported_files(closed, tmp_path / "out")
 
 
-def test_meshes_of_packages_that_are_not_here_stay_addresses(tmp_path):
+def test_meshes_of_absent_packages_stay_addresses(tmp_path):
     source = ROBOTS / "arm" / "arm.urdf.xacro"
     urdf = RobotModel.for_robot(source.with_name("robot.yaml")).definition.urdf()
     shape = '<collision><geometry><mesh filename="package://elsewhere/cup.stl"/></geometry></collision></link>'

@@ -1,4 +1,4 @@
-"""The section `heat` of a model file: it round-trips, and impossible values are reported in one line."""
+"""The section `heat` of a model file: it survives a round trip, and impossible values are reported in one line."""
 
 import pytest
 
@@ -20,7 +20,7 @@ heat:
 WRITTEN = "robot.yaml"
 
 
-def test_it_round_trips(written, tmp_path):
+def test_it_survives_a_round_trip(written, tmp_path):
     model = RobotModel.load(written(FULL))
     assert model.heat == HeatSection(
         melt_degC=1650.5,
@@ -42,7 +42,7 @@ def test_an_empty_section_is_warm_and_none_is_cold(written, tmp_path):
     assert warm != RobotModel()
 
 
-def test_properties_are_put_over_the_shipped_ones():
+def test_properties_override_the_shipped_ones():
     shipped = load_thermal_properties()
     found = HeatSection(properties={"steel": {"emissivity": 0.6}}).thermal_properties()
     assert found.steel.emissivity.value == 0.6
@@ -56,7 +56,7 @@ def test_flags_replace_single_values():
     assert section.with_values(melt_degC=1700.0, after_min=None) == HeatSection(melt_degC=1700.0)
 
 
-def test_what_was_measured_is_of_one_moment():
+def test_measured_temperatures_belong_to_one_moment():
     section = HeatSection(melt_degC=1650.0, after_min=45.0, measured_degC={"leg1": 100.0})
     for same in ({}, {"after_min": 45.0}, {"ambient_degC": 25.0}, {"melt_degC": 1700.0}):
         assert section.with_values(**same).measured_degC == {"leg1": 100.0}
@@ -83,7 +83,7 @@ def test_what_was_measured_is_of_one_moment():
         ("leg1: 210.25", "leg1: hot", "valid number"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(written, old, new, says):
+def test_mistakes_are_reported_in_one_line(written, old, new, says):
     path = written(FULL.replace(old, new))
     with pytest.raises(DescriptionError) as caught:
         RobotModel.load(path)

@@ -1,4 +1,4 @@
-"""Drive values for targets generated from random drive values, met to 1e-9; undetermined targets are refused."""
+"""Drive values for a target: random targets are met to 1e-9; a target that leaves freedoms open is refused."""
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +15,7 @@ PLACED_ONLY = ("delta", "five_bar")
 HANGPRINTER = Robot.load(ROOT / "examples" / "machines" / "hangprinter" / "robot.yaml")
 
 
-def test_a_target_is_the_librarys_and_nothing_else_is_one():
+def test_only_the_librarys_targets_are_accepted():
     assert pouring_robot.Target is Target
     for given in (None, [0.0, 0.0, -0.6]):
         with pytest.raises(BadInputError, match="a target is a Target: a place, in m, and a rotation matrix if"):
@@ -28,7 +28,7 @@ def test_reachable_targets_are_met(name):
     drives, _ = robot.model.definition.workspace(robot.drawing)
     random = np.random.default_rng(5)
     for _ in range(10):
-        # Between two poses of the workspace, so that the search has none of the targets to begin with.
+        # Between two poses of the workspace, so that the search starts at none of the targets.
         k, other = random.choice(len(drives), 2, replace=False)
         between = 0.7 * drives[k] + 0.3 * drives[other]
         pose = robot.nominal_solver.solve(
@@ -42,21 +42,21 @@ def test_reachable_targets_are_met(name):
 
 @pytest.mark.parametrize(("each", "met"), [(0.5e-9, True), (0.6e-9, False)])
 @pytest.mark.parametrize("part", [slice(0, 3), slice(3, 6)])
-def test_met_is_a_distance_and_an_angle(part, each, met):
-    """As a compensation's status has it, and not the largest component."""
+def test_met_refers_to_a_distance_and_an_angle(part, each, met):
+    """As in a compensation's status, and not to the largest component."""
     robot = Robot.load(ROBOTS / "arm" / "robot.yaml")
     result, left = robot.location_in_the_middle().nominal, np.zeros(6)
     left[part] = each
     assert InverseSolution(np.zeros(6), result, left, (3, 3), True).met == met
 
 
-def test_a_place_alone_does_not_determine_an_arm():
+def test_a_position_alone_does_not_determine_an_arm():
     arm = Robot.load(ROBOTS / "arm" / "robot.yaml")
     with pytest.raises(BadInputError, match="determines 3 of 6 freedoms; give its attitude too"):
         arm.location_to(Target(np.array([0.5, 0.1, 0.7])))
 
 
-def test_what_the_drives_do_not_command_is_out_of_reach():
+def test_freedoms_that_the_drives_do_not_command_are_out_of_reach():
     bar = Robot.load(ROBOTS / "five_bar" / "robot.yaml")
     with pytest.raises(UnreachableTargetError, match="50 mm and 0 mrad away; the robot commands 2 of the 3 freedoms"):
         bar.location_to(Target(np.array([0.02, 0.56, 0.05])))
@@ -69,8 +69,8 @@ def test_what_the_drives_do_not_command_is_out_of_reach():
     ("name", "place", "why"),
     [("delta", (0.5, 0.5, 0.0), "would stand at"), ("hexapod", (0.0, 0.0, -3.0), "on the way to it the loops do not")],
 )
-def test_far_away_is_out_of_reach_and_no_fault_of_the_parts(name, place, why):
-    """Whatever the single searches end with."""
+def test_a_distant_target_is_out_of_reach_and_no_misfit_of_parts(name, place, why):
+    """Whatever error the single searches end with."""
     robot = Robot.load(ROBOTS / name / "robot.yaml")
     with pytest.raises(NoSolutionError, match=r"^the pose is out of reach: ") as refused:
         robot.drives_to(Target(np.array(place), np.eye(3) if name == "hexapod" else None))
@@ -78,8 +78,8 @@ def test_far_away_is_out_of_reach_and_no_fault_of_the_parts(name, place, why):
     assert "check the drive values" not in str(refused.value)
 
 
-def test_lines_that_hold_a_platform_twice_are_as_long_as_it_is_far():
-    """Three freedoms, four lines: each is the distance from its anchor."""
+def test_redundant_lines_have_the_distances_to_their_anchors():
+    """Three freedoms, four lines: each has the distance from its anchor."""
     there = np.array([0.1, 0.2, 0.3])
     anchors = np.array([[0.0, -1.5939, -0.1], [1.5521, 0.8961, -0.1], [-1.3677, 0.7897, -0.1], [0.0, 0.0, 2.355]])
     found = HANGPRINTER.location_to(Target(there))
@@ -87,7 +87,7 @@ def test_lines_that_hold_a_platform_twice_are_as_long_as_it_is_far():
     assert found.nominal.gap_m < 1e-9
 
 
-def test_lines_that_no_place_has_are_refused_and_measured_ones_are_not():
+def test_impossible_line_lengths_are_refused_and_measured_ones_are_not():
     with pytest.raises(ClosureError, match=r"the drives disagree .* is left open by 1[0-9]{3} mm"):
         HANGPRINTER.location_at([0.005] * 4)
     slack = np.array([0.1, 0.0, 0.0, 0.0]) + HANGPRINTER.model.definition.home_drives
@@ -106,15 +106,15 @@ def test_the_pouring_robot_is_one_of_them(drawing):
     assert found.commanded.tilt_rad == pytest.approx(0.3, abs=REACHED)
 
 
-def test_a_real_arm_comes_back_to_where_it_was():
+def test_a_real_arm_returns_to_its_pose():
     arm = Robot.load(ROOT / "examples" / "machines" / "ur10" / "robot.yaml")
     there = arm.location_at([0.3, -1.4, 1.1, 0.2, 0.6, 0.1]).nominal.pose_base_to_end
     found = arm.location_to(Target(there.translation, there.rotation)).nominal.pose_base_to_end
     assert np.abs(pin.log6(there.actInv(found)).vector).max() < REACHED
 
 
-def test_nuts_turn_as_often_as_it_takes(tmp_path):
-    """A step of a nut is as long as what it moves, not as a turn of it."""
+def test_nuts_turn_as_often_as_needed(tmp_path):
+    """The step limit of a nut is that of what it moves, not a turn of it."""
     robot = Robot.load(gantry_file(tmp_path, lead=0.005))
     found = robot.location_to(Target(np.array([1.9, 0.1, 0.7])))
     np.testing.assert_allclose(list(found.drives.values()), 2.0 * np.pi / 0.005 * np.array([1.9, 0.1, 0.7]))
@@ -130,6 +130,6 @@ def test_nuts_turn_as_often_as_it_takes(tmp_path):
         ([0.5, 0.1, 0.7], np.diag([1.0, 1.0, -1.0]), "a rotation matrix, 3 × 3"),
     ],
 )
-def test_a_target_is_a_place_and_a_rotation(place, turned, says):
+def test_a_target_is_a_position_and_a_rotation(place, turned, says):
     with pytest.raises(BadInputError, match=says):
         Target(place, turned)

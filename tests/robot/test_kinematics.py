@@ -55,7 +55,7 @@ def test_inverse_is_the_geometry_of_the_legs(layout):
         for i, leg in enumerate(legs, start=1):
             s1, s2, s3, s4, s5 = (values[f"leg{i}_s{j}"] for j in range(1, 6))
             assert s3 == pytest.approx(np.linalg.norm(leg), abs=1e-14)
-            # The leg is its length along -z, turned by S2 about x and then by S1 about y.
+            # The leg is its length along -z, rotated by S2 about x and then by S1 about y.
             turned = [-math.sin(s1) * math.cos(s2), math.sin(s2), -math.cos(s1) * math.cos(s2)]
             assert turned == pytest.approx(leg / s3, abs=1e-14)
             assert s4 == -s2
@@ -94,7 +94,7 @@ def test_forward_returns_the_pose(layout):
         assert found.tilt_rad == pytest.approx(pose.tilt_rad, abs=1e-10)
 
 
-def test_forward_alone_takes_the_assembly_of_the_workspace(drawing):
+def test_forward_without_a_start_takes_the_assembly_mode_of_the_workspace(drawing):
     poses = random_poses(2_000, seed=54)
     corners = np.array(np.meshgrid(*zip(BOX_LOWER, BOX_UPPER, strict=True))).reshape(4, -1).T
     poses += [PlatformPose(tuple(corner[:3].tolist()), float(corner[3])) for corner in corners]
@@ -111,7 +111,7 @@ def test_near_chooses_the_branch(drawing):
     other = kinematics.forward(drives, near=PlatformPose((0.5, 0.02, 0.3), 0.3 + math.pi))
     assert there.position_m == pytest.approx(pose.position_m, abs=1e-12)
     assert np.linalg.norm(np.subtract(other.position_m, pose.position_m)) > 0.1
-    # The other assembly has the same drives: both are solutions.
+    # The other assembly mode has the same drives: both are solutions.
     values = kinematics.joint_values(other)
     assert [values[name] for name in list(drives)[:3]] == pytest.approx(list(drives.values())[:3], abs=1e-12)
     assert math.remainder(values["leg4_s5"] - drives["leg4_s5"], 2 * math.pi) == pytest.approx(0.0, abs=1e-12)
@@ -138,7 +138,7 @@ def test_forward_without_solution(drawing, changes, words):
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_forward_refuses_what_is_no_number(drawing, value):
+def test_forward_refuses_values_that_are_no_numbers(drawing, value):
     drives = drawing.kinematics.inverse(PlatformPose((-0.1, 0.0, -0.6), 0.0))
     for name in drives:
         with pytest.raises(PouringRobotError):

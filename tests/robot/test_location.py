@@ -1,4 +1,4 @@
-"""Many poses at once give the same as one after the other; results print as one line."""
+"""Many poses at once give the same as one by one; results are shown in one line."""
 
 import dataclasses
 
@@ -21,7 +21,7 @@ def loaded(as_built):
 
 
 @pytest.mark.parametrize("name", ["as_built", "very_crooked", "loaded"])
-def test_many_poses_equal_one_after_the_other(request, name):
+def test_many_poses_equal_one_by_one(request, name):
     robot = request.getfixturevalue(name)
     poses = [*random_poses(6, seed=3), FAR]
     many = robot.locate(poses)
@@ -54,7 +54,7 @@ _NO_POSES = [[1.0, 2.0], np.zeros((2, 3)), np.empty((0, 3)), [[0.0], [1.0, 2.0]]
 
 
 @pytest.mark.parametrize("poses", [*_NO_POSES, _TABLE, _MASKED])
-def test_what_is_no_list_of_poses_is_refused(as_built, poses):
+def test_other_arguments_than_a_list_of_poses_are_refused(as_built, poses):
     with pytest.raises(BadInputError, match="shape"):
         as_built.locate(poses)
 
@@ -71,7 +71,7 @@ def test_the_transfer_matrix_carries_its_labels(as_built):
     assert as_built.transfer(pose).sizes["parameter"] > 30
 
 
-def test_results_show_themselves_in_one_line(as_built):
+def test_results_are_shown_in_one_line(as_built):
     (pose,) = random_poses(1, seed=6)
     location = as_built.locate(pose)
     matrix = closed_chain_transfer(as_built.actual_solver, location.actual, [as_built.parameters.drives[0]])
@@ -96,12 +96,12 @@ def test_files_for_other_programs():
         urdf_path(layout="wide", model=ACTUAL)
 
 
-def test_every_name_of_the_root_is_there():
+def test_every_name_of_the_root_exists():
     assert all(getattr(pouring_robot, name) is not None for name in pouring_robot.__all__)
 
 
-def test_what_options_are_made_of_is_there_too():
-    """Whoever read that noise is a NoiseLevel had to look for it."""
+def test_the_types_of_options_exist_too():
+    """A reader who learned that noise is a NoiseLevel had to search for it."""
     p = pouring_robot
     assert p.CalibrationOptions(fit=p.FitOptions(loss="linear"), tolerances=p.Tolerances.load()).fit.loss == "linear"
     assert p.PlanRequest(noise=p.NoiseLevel.stated(1e-5, 2e-5)).noise.position_m == 1e-5

@@ -1,4 +1,4 @@
-"""The model file: it round-trips, and errors in it are reported."""
+"""The model file: it survives a round trip, and mistakes in it are reported."""
 
 import json
 import shutil
@@ -94,7 +94,7 @@ def test_own_layouts_file_is_relative_to_the_model(tmp_path):
         RobotModel.load(path)
 
 
-def test_files_of_a_model_stay_its_own_wherever_the_process_goes(tmp_path, monkeypatch):
+def test_files_of_a_model_stay_its_own_when_the_working_directory_changes(tmp_path, monkeypatch):
     for folder, text in {"a": shipped_layouts_file().read_text(encoding="utf-8"), "b": "of another machine"}.items():
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "mine.yaml").write_text(text, encoding="utf-8")
@@ -173,8 +173,8 @@ def test_mistakes(written, text, words):
         ("reference_temperature_degC", 293.15, "hotter than any surroundings"),
     ],
 )
-def test_what_was_learned_is_of_this_robot(written, key, value, words):
-    """Each of these passed without a word."""
+def test_learned_values_must_be_possible_for_this_robot(written, key, value, words):
+    """Each of these was accepted silently."""
     content = YAML(typ="safe").load(LEARNED.read_text(encoding="utf-8"))
     content["learned"]["campaign"][key] = value
     path = written(json.dumps(content))
@@ -238,7 +238,7 @@ def test_chain_order_changes_the_tree_only():
         assert np.abs(placements[0].homogeneous - placements[1].homogeneous).max() < 1e-14
 
 
-# --- whatever is in the file, the answer is a robot or one clear line ---------------------------------
+# --- for any file content the answer is a robot or one clear line -------------------------------------
 
 SCALARS = st.one_of(
     st.none(),
@@ -305,7 +305,7 @@ def test_any_damage_to_the_example_is_refused_or_harmless(tmp_path, place, chang
 
 
 @pytest.mark.parametrize("text", ["{format: []}: 1\n", "? {a: [1]}\n: 2\n"])
-def test_a_key_that_is_no_word_is_refused(tmp_path, text):
+def test_a_key_that_is_no_text_is_refused(tmp_path, text):
     path = tmp_path / "model.yaml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(DescriptionError, match="a key is a list or a mapping"):
@@ -313,7 +313,7 @@ def test_a_key_that_is_no_word_is_refused(tmp_path, text):
 
 
 @pytest.mark.parametrize(("robot", "reach_mm"), [("five_bar", 840.0), ("delta", 1360.0)])
-def test_how_large_an_error_may_be_goes_with_the_robot(robot, reach_mm):
+def test_the_largest_allowed_error_is_proportional_to_the_robot(robot, reach_mm):
     """A tenth of its reach: 150 + 250 + 390 + 50 mm to the pen; 200 + 300 + 750 + 50 + 60 mm to the grip."""
     model = RobotModel.for_robot(ROOT / "examples" / "robots" / robot / "robot.yaml")
     joint = model.definition.drives[0].joint

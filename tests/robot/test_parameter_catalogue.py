@@ -1,4 +1,4 @@
-"""The catalogue: every name is found, none occurs twice, and for misspelt ones the nearest is suggested."""
+"""The catalogue: every name is found, none occurs twice, and for a misspelt one the nearest is suggested."""
 
 import pytest
 
@@ -22,7 +22,7 @@ def test_sets_hold_each_parameter_once(catalogue, name):
 
 def test_sizes(catalogue):
     assert len(all_parameters(catalogue.groups())) == 88
-    # 4 drives and 96 DH parameters: 128 less what the design drops out, less the joint variables that drives cover.
+    # 4 drives and 96 DH parameters: 128 less those dropped by design, less the joint variables that drives cover.
     assert len(all_parameters(catalogue.groups(("dh",)))) == 100
 
 
@@ -56,7 +56,7 @@ def test_a_set_is_found_like_a_name(catalogue):
         ("d_e1_0", "origin"),
     ],
 )
-def test_what_measurements_cannot_show_is_refused_with_the_reason(catalogue, name, reason):
+def test_parameters_that_measurements_cannot_show_are_refused_with_the_reason(catalogue, name, reason):
     assert catalogue.match(name)[0].hidden_by
     with pytest.raises(BadInputError, match=f"'{name}' cannot be identified: .*{reason}"):
         catalogue.groups((name,))

@@ -1,4 +1,4 @@
-"""Poses and their differences in the user's units."""
+"""Poses and their differences in the user interface."""
 
 import math
 
@@ -51,7 +51,7 @@ def test_a_position_has_three_coordinates(bad):
         PlatformPose(bad, 0.0)
 
 
-def test_a_pose_keeps_plain_numbers_whatever_it_was_given():
+def test_a_pose_holds_plain_numbers_whatever_it_was_given():
     row = np.array([-0.1, 0.02, -0.6, 0.3])
     pose = PlatformPose(row[:3], row[3])
     assert {pose: "found"}[PlatformPose(["-0.1", 0.02, -0.6], "0.3")] == "found"
@@ -62,7 +62,7 @@ def test_a_pose_keeps_plain_numbers_whatever_it_was_given():
 def test_difference_is_in_the_axes_of_the_base():
     turn = pin.utils.rotate("z", math.pi / 2)
     nominal = pin.SE3(turn, np.array([1.0, 0.0, 0.0]))
-    # Turned a little about the base's x axis, whatever the frame's own axes are; moved along the base's y.
+    # A small rotation about the base's x axis, whatever the frame's own axes are; a shift along the base's y.
     actual = pin.SE3(pin.utils.rotate("x", 0.01) @ turn, np.array([1.0, 0.003, 0.004]))
     difference = PoseDifference.between(nominal, actual)
     assert difference.translation_m == pytest.approx([0.0, 0.003, 0.004], abs=1e-15)

@@ -31,7 +31,7 @@ def test_the_nominal_platform_is_where_it_was_commanded(as_built):
 
 
 def test_frames_of_the_ladle_are_rigid_on_the_platform(as_built):
-    """The lip's error is the platform's error carried along its lever arm."""
+    """The lip's error is the platform's error plus its rotation times the lever arm."""
     (pose,) = random_poses(1, seed=72)
     location = as_built.locate(pose)
     platform, actual_platform = location.poses("moving_platform")
@@ -59,7 +59,7 @@ def test_threads_that_share_a_robot_do_not_disturb_each_other(as_built):
 
 
 def test_shifting_all_upper_centres_shifts_the_ladle_rigidly():
-    """A closed form through the whole stack: the fixed platform's joints all 1, -2, 3 mm off."""
+    """A closed form through the whole stack: the fixed platform's joints are all off by 1, -2, 3 mm."""
     shift = (1.0, -2.0, 3.0)
     model = RobotModel(joint_placements={f"leg{i}_s1": JointPlacement(translation_mm=shift) for i in (1, 2, 3, 4)})
     for pose in random_poses(5, seed=73):
@@ -96,7 +96,7 @@ def test_distance_from_the_workspace_box(drawing, position_mm, tilt, outside_mm,
     assert location.in_workspace == (not any(outside_mm) and not outside_rad)
 
 
-def test_reach_is_of_the_commanded_pose(drawing):
+def test_reach_is_that_of_the_commanded_pose(drawing):
     location = drawing.locate(PlatformPose((-0.1, 0.02, -0.6), 0.3))
     reach = {one.joint: one.value for one in location.reach}
     assert reach == pytest.approx(
@@ -105,8 +105,8 @@ def test_reach_is_of_the_commanded_pose(drawing):
 
 
 def test_a_joint_of_the_robot_as_built_beyond_its_limits_is_refused(drawing):
-    """The drawing reaches this pose; legs that stand 50 mm beyond their commands pass the 1100 mm they have."""
-    pose = PlatformPose((-0.1, -0.02, -1.04), 0.0)  # aside, so that leg 3 alone, not round-off, is the longest
+    """The drawing reaches this pose; legs that are 50 mm beyond their commands exceed their limit of 1100 mm."""
+    pose = PlatformPose((-0.1, -0.02, -1.04), 0.0)  # off centre, so that leg 3 alone is the longest, not by round-off
     assert 0.0 < 1.1 - drawing.locate(pose).drives["leg3_s3"] < 0.05
     offsets = {f"leg{i}_s3": DriveOffset(offset_mm=50.0) for i in (1, 2, 3)}
     longer = PouringRobot(RobotModel(drive_offsets=offsets))
@@ -120,7 +120,7 @@ def test_a_joint_of_the_robot_as_built_beyond_its_limits_is_refused(drawing):
         assert many.status.values.tolist() == ["out of reach"]
 
 
-def test_axis_weakness_is_what_a_tilted_axis_does():
+def test_axis_weakness_is_the_effect_of_a_tilted_axis():
     """Against closures with each axis tilted by ±0.2 mrad: none moves the lip further sideways, and this one does."""
     (pose,) = random_poses(1, seed=76)
     drawing = PouringRobot()
@@ -139,7 +139,7 @@ def test_axis_weakness_is_what_a_tilted_axis_does():
     assert weakness.m_per_rad > 1.0
 
 
-def test_displacements_that_the_fixed_platform_hides():
+def test_displacements_that_the_fixed_platform_absorbs():
     placed = JointPlacement(translation_mm=(1.0, 2.0, 3.0))
     hidden = ("truss_travel", "trolley_travel", "fixed_platform_mount")
     names = (*hidden, "leg1_s1", "leg4_seat_mount", "ladle_mount", "ladle_lip_mount")
@@ -199,7 +199,7 @@ def test_wide_layout_has_its_own_box_and_works():
 
 
 @pytest.mark.parametrize("made", [load_robot, PouringRobot, PouringRobot.load])
-def test_what_a_robot_leaves_out_of_its_model_is_said_to_who_makes_it(made):
+def test_parts_of_the_model_that_a_robot_leaves_out_are_reported_to_the_caller(made):
     model = RobotModel.model_validate({"heat": {"melt_degC": 1650.0}, "effects": [{"effect": "a", "form": "b"}]})
     with pytest.warns(UserWarning) as said:
         made(model)
@@ -209,7 +209,7 @@ def test_what_a_robot_leaves_out_of_its_model_is_said_to_who_makes_it(made):
     assert {one.filename for one in said} == {__file__}
 
 
-def test_poses_of_another_kind_are_refused_in_one_line(drawing):
+def test_poses_of_a_wrong_type_are_refused_in_one_line(drawing):
     with pytest.raises(BadInputError, match="from_se3"):
         drawing.locate(pin.SE3.Identity())
     with pytest.raises(BadInputError, match=r"one finite value for each drive: .* a pose is a PlatformPose"):
@@ -222,7 +222,7 @@ def test_poses_of_another_kind_are_refused_in_one_line(drawing):
     assert repr(drawing) == "<PouringRobot: layout paper, 0 displaced joints and drives>"
 
 
-def test_what_is_asked_of_another_kind_is_refused_in_one_line(drawing):
+def test_arguments_of_a_wrong_type_are_refused_in_one_line(drawing):
     pose = PlatformPose((-0.1, 0.0, -0.6), 0.0)
     for call, given, words in (
         (drawing.outside_workspace, [0.0, 0.0, -0.6, 0.0], "a pose is a PlatformPose, not a list"),

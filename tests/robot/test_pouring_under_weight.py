@@ -37,12 +37,12 @@ def test_parts_by_hand(drawing):
     inertia = np.where(along_leg < 0.5, 0.023**4, 0.048**4 - 0.028**4) * np.pi / 4
     bends = np.sum((1.0 - along_leg / 0.62) ** 2 / inertia) * 1e-5 / 2.06e11
     assert 1.0 / stiffness.tilt_drive == pytest.approx(1.0 / 3.0e5 + bends, rel=1e-4)
-    # Palmgren: twice the load, 2^0.9 times the way.
+    # Palmgren: twice the load, 2^0.9 times the deflection.
     twice = PartStiffness.of(drawing.layout, np.full(4, 0.62), 3400.0)
     assert twice.shares["bearings"] == pytest.approx(stiffness.shares["bearings"] * 2.0**-0.1)
 
 
-def test_measured_figures_take_the_place_of_computed_ones(drawing, tmp_path):
+def test_measured_figures_replace_computed_ones(drawing, tmp_path):
     measured = Measured(leg_axial=1e8, joint=2e8, leg_torsion=3e4, tilt_drive=4e5)
     properties = load_stiffness().model_copy(update={"measured": measured})
     found = PartStiffness.of(drawing.layout, np.full(4, 0.6), 1700.0, properties)
@@ -62,8 +62,8 @@ def test_rigid_parts_do_not_sag(drawing):
     assert np.linalg.norm(sag(drawing, stiffness, 500.0)) > 1e-3
 
 
-def test_a_leg_drive_yields_as_its_force_says(drawing):
-    """Everything rigid but the leg drives, and the melt alone: Castigliano gives way and force of each drive."""
+def test_a_leg_drive_deflects_under_its_force(drawing):
+    """All but the leg drives is rigid, under the melt alone: Castigliano gives deflection and force of each drive."""
     soft = stiffness_at(drawing, POSE, 500.0)
     for part in ("joint", "leg_torsion", "tilt_drive"):
         soft = stiffer(soft, part, 1e5)
@@ -75,12 +75,12 @@ def test_a_leg_drive_yields_as_its_force_says(drawing):
     at_o = drawing.transfer(POSE, drives, "moving_platform").to_numpy()
     turn = drawing.locate(POSE).nominal.pose("fixed_platform", "ladle").rotation
     lever = turn @ np.array([0.0, 0.0, -0.5 * drawing.layout.ladle.height.metres])
-    rise = at_melt[2] + np.cross(at_melt[3:].T, lever)[:, 2]  # of the melt's centre for each drive
+    rise = at_melt[2] + np.cross(at_melt[3:].T, lever)[:, 2]  # of the melt's centre, by drive
     force = -500.0 * g * rise
     assert by_melt == pytest.approx(float(at_o[2] @ (force / soft.leg_axial[:3])), rel=0.05)
 
 
-def test_the_given_robot_is_left_alone(drawing):
+def test_the_given_robot_is_unchanged(drawing):
     before = drawing.actual_solver
     loaded = under_weight(drawing, stiffness_at(drawing, POSE, 0.0), 0.0)
     assert drawing.actual_solver is before and loaded.actual_solver is not before

@@ -1,4 +1,4 @@
-"""Any robot, located by its drives: against Pinocchio and central differences; status where there is no pose."""
+"""Any robot, located by its drives: against Pinocchio and central differences; a status where there is no pose."""
 
 import numpy as np
 import pinocchio as pin
@@ -37,7 +37,7 @@ def commands(robot, count, seed):
     return definition.home_drives + spread * random.uniform(-1.0, 1.0, (count, len(definition.drives)))
 
 
-def test_many_commands_are_one_after_the_other(crooked):
+def test_many_commands_equal_one_by_one(crooked):
     drives = commands(crooked, 6, seed=1)
     found = crooked.locate_drives(drives)
     loops = crooked.model.definition.loops
@@ -52,7 +52,7 @@ def test_many_commands_are_one_after_the_other(crooked):
 
 
 def test_transfer_is_the_derivative_of_the_closed_robot(crooked):
-    """Of every drive and one placement: central differences of the closed pose, an independent way."""
+    """With respect to every drive: central differences of the closed pose, as an independent method."""
     drives, frame = commands(crooked, 1, seed=2)[0], crooked.model.definition.loops.working_frame
     base = crooked.model.definition.loops.base_frame
     here = crooked.location_at(drives).actual.pose(base, frame)
@@ -67,8 +67,8 @@ def test_transfer_is_the_derivative_of_the_closed_robot(crooked):
     assert np.isfinite(here.homogeneous).all()
 
 
-def test_transfer_takes_what_the_robot_is_sent_by():
-    """A target of the delta and a pose of the pouring robot, as the drives that they mean."""
+def test_transfer_accepts_the_commands_of_the_robot():
+    """A target of the delta and a pose of the pouring robot, against the corresponding drives."""
     delta, pouring = Robot.load(ROBOTS / "delta" / "robot.yaml"), PouringRobot()
     for robot, command in (
         (delta, delta.pose_command(np.array([0.05, 0.02, -0.6]), None)),
@@ -78,7 +78,7 @@ def test_transfer_takes_what_the_robot_is_sent_by():
         np.testing.assert_allclose(robot.transfer(command, "drives"), at_drives, rtol=0, atol=1e-9)
 
 
-def test_commands_that_no_pose_has_say_so():
+def test_commands_without_a_pose_are_reported():
     """One leg of the hexapod five metres longer than the others."""
     robot = Robot.load(ROBOTS / "hexapod" / "robot.yaml")
     home = robot.model.definition.home_drives
@@ -90,7 +90,7 @@ def test_commands_that_no_pose_has_say_so():
         robot.location_at(apart)
 
 
-def test_heat_of_a_melt_is_the_pouring_robots_and_the_right_call_is_named():
+def test_only_the_pouring_robot_has_heat_and_the_right_call_is_named():
     robot = Robot.load(ROBOTS / "arm" / "robot.yaml")
     with pytest.raises(BadInputError, match=r"this is a Robot; .* compensate_drives\(robot, "):
         HeatedRobot(robot, None)
@@ -105,7 +105,7 @@ def test_other_arrays_are_refused(drives):
         robot.locate_drives(drives)
 
 
-def test_commands_are_the_robots_own_copy():
+def test_commands_are_copied():
     robot = Robot.load(ROBOTS / "delta" / "robot.yaml")
     drives = np.array([robot.model.definition.home_drives])
     found = robot.locate_drives(drives)
@@ -115,7 +115,7 @@ def test_commands_are_the_robots_own_copy():
     assert robot.locate_drives([]).sizes["pose"] == 0
 
 
-def test_drives_by_name_are_all_of_them(crooked):
+def test_drives_by_name_must_be_complete(crooked):
     names = crooked.drawing.mechanism.loops.drives
     told = dict.fromkeys(names, 0.25)
     offset = np.array(list(crooked.actual_drives(told).values())) - 0.25
@@ -129,7 +129,7 @@ def test_drives_by_name_are_all_of_them(crooked):
 
 
 def test_a_payload_hangs_where_the_robot_file_says():
-    """The force on each leg of the hexapod is the work that its stretch does on the load, 0.1 m above the table."""
+    """The force on each leg of the hexapod is the load, 0.1 m above the table, times its rise: virtual work."""
     robot, stiffness, payload_kg = Robot.load(ROBOTS / "hexapod" / "robot.yaml"), 1e9, 100.0
     legs = robot.drawing.mechanism.loops.drives
     drives = np.array(robot.model.definition.home_drives) + 0.02 * np.array([1, -1, 2, 0, 1, -2])
@@ -148,7 +148,7 @@ def test_a_payload_hangs_where_the_robot_file_says():
 
 
 def test_axes_that_meet_in_a_point_may_miss_it(tmp_path):
-    """A spherical wrist's drawing has no length; errors of its places were refused, as beyond a tenth of 0 mm."""
+    """A spherical wrist's drawing has no length; errors of its placements were refused, as beyond a tenth of 0 mm."""
     joint = '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/></joint>'
     links = "".join(f'<link name="{name}"/>' for name in ("base", "ring", "tool"))
     joints = joint.format("pan", "base", "ring", "0 0 1") + joint.format("tilt", "ring", "tool", "0 1 0")
@@ -159,5 +159,5 @@ def test_axes_that_meet_in_a_point_may_miss_it(tmp_path):
     text = "format: pouring_robot/model/1\nrobot: robot.yaml\njoint_placements: {tilt: {translation_mm: [0.3, 0, 0]}}\n"
     (tmp_path / "model.yaml").write_text(text, encoding="utf-8")
     found = Robot.load(tmp_path / "model.yaml").locate_drives([[0.5, 0.2]])
-    place = 0.3e-3 * np.array([np.cos(0.5), np.sin(0.5), 0.0])  # the tilt's axis goes along with the pan
+    place = 0.3e-3 * np.array([np.cos(0.5), np.sin(0.5), 0.0])  # the tilt's axis moves with the pan
     np.testing.assert_allclose(found.actual_position.values[0, 0], place, rtol=0, atol=1e-15)

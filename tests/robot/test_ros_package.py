@@ -18,12 +18,12 @@ from pouring_robot.robot.pouring_robot import PouringRobot
 PACKAGE = "pouring_robot_description"
 FOLDER = description_folder()
 LAUNCH_FILES = sorted((FOLDER / "launch").glob("*.launch.py"))
-# Children of <package> that format 3 of REP 149 allows, and those it wants.
+# Children of <package> that format 3 of REP 149 allows, and those it requires.
 KNOWN = {"name", "version", "description", "maintainer", "license", "buildtool_depend", "exec_depend", "export"}
 
 
 class Recorded:
-    """Stands in for a class of ROS and keeps what it was given."""
+    """Stands in for a class of ROS and keeps its arguments."""
 
     def __init__(self, *args, **kwargs):
         self.args, self.kwargs = args, kwargs
@@ -47,7 +47,7 @@ def loaded(path):
     return module
 
 
-def test_the_manifest_says_what_format_3_wants():
+def test_the_manifest_conforms_to_format_3():
     root = etree.parse(FOLDER / "package.xml").getroot()
     assert root.get("format") == "3" and {child.tag for child in root} == KNOWN
     assert root.findtext("name") == PACKAGE and re.fullmatch(r"\d+\.\d+\.\d+", root.findtext("version"))
@@ -55,7 +55,7 @@ def test_the_manifest_says_what_format_3_wants():
     assert (FOLDER / root.find("license").get("file")).read_text(encoding="utf-8").lstrip().startswith("Apache License")
 
 
-def test_cmake_installs_what_is_there():
+def test_cmake_installs_what_exists():
     text = (FOLDER / "CMakeLists.txt").read_text(encoding="utf-8")
     assert f"project({PACKAGE})" in text
     (folders,) = re.findall(r"install\(DIRECTORY ([\w ]+) DESTINATION", text)
@@ -142,5 +142,5 @@ def test_the_node_publishes_all_joints_of_the_closed_robot(monkeypatch):
     node.close(Message(["leg1_s3"], [0.5]))
     assert len(sent) == 1 and "leg2_s3" in said[0]
     node.close(Message(node.drives))  # velocities alone
-    node.close(Message(node.drives, [float("nan")] * 4))  # as drivers say before they know
+    node.close(Message(node.drives, [float("nan")] * 4))  # as drivers report before they have a value
     assert len(sent) == 1 and "leg1_s3" in said[1] and "one finite value for each drive" in said[2]

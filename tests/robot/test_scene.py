@@ -1,4 +1,4 @@
-"""Scenes of locations: enlarged errors, a step for each location, and the arrows."""
+"""What is drawn of locations: robots with enlarged errors, a step for each, and the arrows."""
 
 import numpy as np
 import pinocchio as pin
@@ -14,13 +14,13 @@ from tests.support import ROOT, random_poses
 
 
 def _ladle(scene, step, group):
-    """Return where a scene draws the body of the ladle."""
+    """Return the pose of the ladle's body in a scene."""
     (body,) = [s for s in solids(scene, step) if s.group == group and s.name == "ladle_0"]
     return body.pose_world_to_solid
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 20.0, 300.0])
-def test_the_ladle_stands_at_nominal_plus_factor_times_the_difference(as_built, very_crooked, factor):
+def test_the_ladle_is_drawn_at_nominal_plus_factor_times_the_difference(as_built, very_crooked, factor):
     for robot in (as_built, very_crooked):
         locations = [robot.locate(pose) for pose in random_poses(3, seed=80)]
         scene, plain = pose_scene(locations, factor), pose_scene(locations, 1.0)
@@ -30,7 +30,7 @@ def test_the_ladle_stands_at_nominal_plus_factor_times_the_difference(as_built, 
             drawn = _ladle(scene, step, "actual")
             turn = pin.log3(actual[:3, :3] @ nominal[:3, :3].T)
             assert drawn[:3, :3] == pytest.approx(pin.exp3(factor * turn) @ nominal[:3, :3], abs=1e-9)
-            assert turn == pytest.approx(location.difference().rotation_rad, abs=1e-9)  # the base does not turn
+            assert turn == pytest.approx(location.difference().rotation_rad, abs=1e-9)  # the base does not rotate
             body = location.actual.mechanism.shared_model.frames[
                 location.actual.mechanism.frame_id("ladle")
             ].parentJoint
@@ -49,7 +49,7 @@ def test_factor_one_is_the_actual_robot(very_crooked):
         assert np.linalg.inv(frames[0]) @ ladle == pytest.approx(np.linalg.inv(frames[1]) @ nominal, abs=1e-12)
 
 
-def test_scene_has_a_step_and_an_arrow_each_and_begins_with_the_worst(as_built):
+def test_a_scene_has_a_step_and_an_arrow_for_each_pose_and_begins_with_the_worst(as_built):
     locations = [as_built.locate(pose) for pose in random_poses(4, seed=83)]
     errors = [location.difference("ladle_lip").distance_m for location in locations]
     scene = pose_scene(locations, 10.0)

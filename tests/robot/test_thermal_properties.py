@@ -80,5 +80,5 @@ def test_a_shell_as_thick_as_the_wall_is_refused(drawing):
         ThermalNetwork(drawing, ThermalProperties.model_validate(content))
 
 
-def test_drawing_campaigns_and_plans_mean_the_same_reference():
+def test_drawing_campaigns_and_plans_have_the_same_reference_temperature():
     assert load_thermal_properties().expansion.reference_temperature.value == REFERENCE_DEGC

@@ -23,15 +23,15 @@ def test_priors_are_in_metres_and_radians(drawing):
     assert kinds == {"linear_drive_offset", "rotary_drive_offset", "joint_centre", "joint_axis", "inner_offset"}
 
 
-def test_joints_are_inner_ones_where_the_robot_says_so():
-    """Four of the hexapod's legs have joints that are called as inner joints of the pouring robot."""
+def test_inner_joints_are_those_that_the_robot_names():
+    """Four of the hexapod's legs have joints named like inner joints of the pouring robot."""
     robot = RobotDefinition.load(ROOT / "examples" / "robots" / "hexapod" / "robot.yaml")
     tolerances = Tolerances.load()
     std = tolerances.std([p for p in placement_parameters(["leg1_s2", "leg5_s2"]) if p.unit == "m"], robot)
     np.testing.assert_array_equal(std, 6 * [tolerances.kinds.joint_centre.to_si()])
 
 
-def test_a_file_names_what_its_robot_has_and_may_call_it_as_files_once_did(tmp_path):
+def test_a_file_may_hold_some_kinds_only_and_use_their_former_names(tmp_path):
     shipped, path = Tolerances.load(), tmp_path / "t.yaml"
     for called in ("linear_drive_offset", "leg_drive_offset"):
         path.write_text(f"kinds: {{{called}: {{std: 7.0, unit: mm, source: tape}}}}\n")
@@ -47,7 +47,7 @@ def test_a_file_names_what_its_robot_has_and_may_call_it_as_files_once_did(tmp_p
         Tolerances.load(path)
 
 
-def test_a_file_of_ones_own(tmp_path):
+def test_a_users_own_file(tmp_path):
     text = Tolerances.load().model_dump()
     text["kinds"]["joint_centre"]["std"] = 0.25
     path = tmp_path / "t.yaml"

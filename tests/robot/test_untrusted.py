@@ -1,4 +1,4 @@
-"""An untrusted description runs no code and reads no files outside its surroundings."""
+"""A description from somebody else runs no code and reads no files outside its folders."""
 
 import re
 
@@ -76,7 +76,7 @@ def test_nothing_is_read_outside(folder, body):
 
 
 @pytest.mark.parametrize("body", ENDLESS)
-def test_what_never_ends_is_refused(folder, body):
+def test_endless_expressions_are_refused(folder, body):
     refused(folder, body)
 
 
@@ -95,7 +95,7 @@ def test_a_named_folder_and_a_sister_folder_are_read(folder, monkeypatch):
 
 @pytest.mark.parametrize("place", ["above", "beside", "named", "holder"])
 def test_packages_are_found_where_they_may_be_read(folder, monkeypatch, place):
-    """As the one that holds the description, beside its folder, in the variable, or in a folder that stands there."""
+    """As the package that holds the description, next to its folder, in the variable, or in a folder named there."""
     home = {"above": folder.parent, "beside": folder.parent / "parts"}.get(place, folder.parents[1] / "parts")
     if place in ("named", "holder"):
         monkeypatch.setenv(FOLDERS_VARIABLE, str(home if place == "named" else home.parent))
@@ -111,8 +111,8 @@ def test_packages_are_found_where_they_may_be_read(folder, monkeypatch, place):
 
 
 @pytest.mark.parametrize("place", ["above", "beside", "named", "holder"])
-def test_a_package_in_a_folder_of_another_name_is_known_by_its_manifest(folder, monkeypatch, place):
-    """As a clone is called by its repository, whatever stands in its package.xml."""
+def test_a_package_in_a_folder_of_another_name_is_found_by_its_manifest(folder, monkeypatch, place):
+    """As a clone that has the name of its repository, whatever its package.xml says."""
     home = {"above": folder.parent, "beside": folder.parent / "Clone"}.get(place, folder.parents[1] / "Clone")
     if place in ("named", "holder"):
         monkeypatch.setenv(FOLDERS_VARIABLE, str(home if place == "named" else home.parent))
@@ -124,17 +124,17 @@ def test_a_package_in_a_folder_of_another_name_is_known_by_its_manifest(folder, 
     assert "package://arm/" in meshes_from(urdf.replace("arm_description", "arm"), folder)
 
 
-def test_an_absent_package_is_asked_for_on_one_line(folder):
+def test_an_absent_package_is_asked_for_in_one_line(folder):
     said = refused(folder, "<xacro:include filename='$(find absent)/a.xacro'/>")
     assert said.endswith(f"the package 'absent' is not found; name the folder that holds it in {FOLDERS_VARIABLE}")
     urdf = "<robot><link name='a'><mesh filename='package://absent/a.stl'/></link></robot>"
     assert '"package://absent/a.stl"' in meshes_from(urdf, folder)
     (folder / "r.xacro").write_text(f"{HEAD}<gazebo>$(find absent)/a.yaml</gazebo></robot>", encoding="utf-8")
-    assert "package://absent/a.yaml" in run_xacro(folder / "r.xacro", {})  # nothing of it is read
+    assert "package://absent/a.yaml" in run_xacro(folder / "r.xacro", {})  # no file of it is read
 
 
-def test_pictures_ask_for_meshes_that_they_draw_and_for_no_others(folder):
-    """What collides is not drawn, and other texts name packages, too."""
+def test_pictures_need_only_the_meshes_that_they_draw(folder):
+    """Collision shapes are not drawn, and other texts name packages, too."""
     visual, collision = (
         f"<{kind}><geometry><mesh filename='package://absent/a.stl'/></geometry></{kind}>" for kind in SHAPES
     )
@@ -151,7 +151,7 @@ def test_pictures_ask_for_meshes_that_they_draw_and_for_no_others(folder):
 
 
 @pytest.mark.parametrize("name", ["..", "../..", "."])
-def test_no_package_lies_above(folder, name):
+def test_a_package_is_never_a_parent_folder(folder, name):
     assert FOLDERS_VARIABLE in refused(folder, f"<xacro:include filename='$(find {name})/secret.xml'/>")
 
 
@@ -227,8 +227,8 @@ def test_two_joints_of_one_name_are_refused(folder):
         first_robot_file(path, folder)
 
 
-def test_limits_that_may_be_degrees_are_asked_about(folder):
-    """A URDF has rad; an arm's ±170 are then 27 turns to each side. A winch may turn so often, so it is a question."""
+def test_limits_that_may_be_in_degrees_are_asked_about(folder):
+    """A URDF is in rad, so an arm's ±170 are 27 turns to each side. A winch may turn that often, hence a question."""
     path = folder / "r.urdf"
     turns = "".join(
         f"<joint name='{name}' type='revolute'><parent link='{parent}'/><child link='{child}'/>"
@@ -240,8 +240,8 @@ def test_limits_that_may_be_degrees_are_asked_about(folder):
     assert asked == ["# The URDF's limits of arm are -170 to 170 rad: are they degrees? A URDF uses rad."]
 
 
-def test_a_tool_stands_before_the_fingers_that_move_more_and_limits_are_asked_for(folder):
-    """Of leaves with usual names the likeliest is the end frame; what merely has the letters in it is not one."""
+def test_a_tool_is_preferred_to_fingers_as_end_frame_and_limits_are_asked_for(folder):
+    """Of leaves with usual names the likeliest is the end frame; a name that only contains the letters is none."""
     path = folder / "r.urdf"
     joints = (
         ("arm", "revolute", "base", "wrist"),
