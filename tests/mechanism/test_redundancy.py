@@ -83,7 +83,7 @@ def test_a_rotation_of_a_line_about_its_anchor_changes_nothing(closed):
 
 @pytest.mark.parametrize("ways", [2, 99])
 def test_too_few_ways_of_disagreement_are_reported(robot, ways):
-    """Four lines for three coordinates disagree in one way; no drive opens the equations of the platform's rotations."""
+    """Four lines for three coordinates disagree in one way; no drive opens the equations of platform rotations."""
     solver = ClosureSolver(robot.mechanism())
     result = solver.result_at(robot.drawing().configuration_at(LENGTHS))
     assert disagreement(solver, result, 1)[0].shape == (1,)
