@@ -75,8 +75,8 @@ def _print(diagnosis: Diagnosis) -> None:
 
     options.say(headline(diagnosis), style="bold")
     options.say(gap_sentence(diagnosis))
-    if said := worse_sentence(diagnosis):
-        options.say(said, style="bold")
+    if warning := worse_sentence(diagnosis):
+        options.say(warning, style="bold")
     print_table(*gap_table(diagnosis), left=(0, 1))
     for heading, lines in sections(diagnosis):
         options.say(f"{heading}:", style="bold")

@@ -51,8 +51,8 @@ def sensitivity(
         limit_m=limit_mm * MM,
     )
     model = which.read()
-    if said := left_out(model, "this command", str(which.model)):
-        options.note(said)
+    if ignored := left_out(model, "this command", str(which.model)):
+        options.note(ignored)
     with progress.stage_bars() as show:
         found = study(model, request, show)
         written = found.save(out, overwrite=options.OVERWRITE.get()) if out is not None else []

@@ -170,9 +170,9 @@ def bring(
     before = np.inf
     for _ in range(_MOST_STEPS):
         result = close(drives, start)
-        left = target.left(result.pose(base, frame))
+        error = target.left(result.pose(base, frame))
         matrix = closed_chain_transfer(solver, result, parameters, frame).matrix
-        step, found = _step(matrix, left, target.rotation is not None, ranks)
+        step, found = _step(matrix, error, target.rotation is not None, ranks)
         if redundant:
             step = _agreeing(step, matrix, *disagreement(solver, result, redundant, parameters))
         size = float(np.abs(step).max())
@@ -181,7 +181,7 @@ def bring(
         before = size
         drives = drives + limited(step, mechanism)
         start = result.configuration
-    return InverseSolution(drives, result, left, found, done)
+    return InverseSolution(drives, result, error, found, done)
 
 
 def settled(size: FloatArray | float, before: FloatArray | float) -> BoolArray:
@@ -222,24 +222,24 @@ def freedoms(solver: ClosureSolver, result: ClosureResult, target: Target) -> tu
 
 
 def _step(
-    matrix: FloatArray, left: FloatArray, turned: bool, ranks: tuple[int, int] | None
+    matrix: FloatArray, error: FloatArray, turned: bool, ranks: tuple[int, int] | None
 ) -> tuple[FloatArray, tuple[int, int]]:
     """Return the step of the drives that cancels the remaining error, (drives,), and the ranks that it uses."""
     sizes = np.linalg.norm(matrix, axis=0)
     scaled = matrix / np.where(sizes > 0.0, sizes, 1.0)
     place, placed = _inverse(scaled[:3], ranks and ranks[0])
-    step, turns = -place @ left[:3], 0
+    step, turns = -place @ error[:3], 0
     if turned:
-        still = np.eye(len(step)) - place @ scaled[:3]
-        turn, turns = _inverse(scaled[3:] @ still, ranks and ranks[1])
-        step -= turn @ (left[3:] + scaled[3:] @ step)
+        projector = np.eye(len(step)) - place @ scaled[:3]
+        turn, turns = _inverse(scaled[3:] @ projector, ranks and ranks[1])
+        step -= turn @ (error[3:] + scaled[3:] @ step)
     return step / np.where(sizes > 0.0, sizes, 1.0), (placed, turns)
 
 
-def _agreeing(step: FloatArray, matrix: FloatArray, apart: FloatArray, slopes: FloatArray) -> FloatArray:
+def _agreeing(step: FloatArray, matrix: FloatArray, gaps: FloatArray, slopes: FloatArray) -> FloatArray:
     """Return a step of redundant drives that also removes their disagreement (r,), by its Jacobian (r, drives)."""
-    still = np.eye(len(step)) - np.linalg.pinv(matrix, _SINGULAR) @ matrix
-    return np.asarray(step - np.linalg.pinv(slopes @ still) @ (apart + slopes @ step))
+    projector = np.eye(len(step)) - np.linalg.pinv(matrix, _SINGULAR) @ matrix
+    return np.asarray(step - np.linalg.pinv(slopes @ projector) @ (gaps + slopes @ step))
 
 
 def _inverse(matrix: FloatArray, rank: int | None) -> tuple[FloatArray, int]:

@@ -227,8 +227,8 @@ class RobotModel(StrictModel):
     def cautions(self, name: str = "the model") -> tuple[str, ...]:
         """Return the reasons, a line each, why the model called ``name`` should not be used."""
         worse = (campaign for campaign, learned in self.learned.items() if learned.worse)
-        said = "rows held out there fit worse than without it: do not use it"
-        return tuple(f"{name} with what it learned in '{campaign}': {said}" for campaign in worse)
+        advice = "rows held out there fit worse than without it: do not use it"
+        return tuple(f"{name} with what it learned in '{campaign}': {advice}" for campaign in worse)
 
     def left_out(
         self, who: str, name: str = "the model", *, warm: bool = False, under: bool = False
@@ -274,8 +274,8 @@ class RobotModel(StrictModel):
         offsets, units = dict(self.drive_offsets), {drive.joint: drive.unit for drive in self.definition.drives}
         for joint, added in drives.items():
             total = added + (offsets[joint].to_si() if joint in offsets else 0.0)
-            own = {"offset_mm": total / MM} if units[joint] == "m" else {"offset_mrad": total / MRAD}
-            offsets[joint] = DriveOffset(**own)
+            entry = {"offset_mm": total / MM} if units[joint] == "m" else {"offset_mrad": total / MRAD}
+            offsets[joint] = DriveOffset(**entry)
         return self.model_copy(update={"joint_placements": joints, "drive_offsets": offsets})
 
     def check_errors(self) -> None:

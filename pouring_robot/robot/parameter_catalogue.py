@@ -103,10 +103,10 @@ class ParameterCatalogue:
         groups = []
         for name in dict.fromkeys(group for asked in as_tuple(wanted) for group in self._sets.get(asked, (asked,))):
             found = self.match(name)
-            seen = [p for p in found if not p.hidden_by]
-            if not seen:
+            identifiable = [p for p in found if not p.hidden_by]
+            if not identifiable:
                 raise BadInputError(f"'{name}' cannot be identified: {found[0].hidden_by}")
-            fresh = tuple(p.local for p in seen if p.name not in taken)
+            fresh = tuple(p.local for p in identifiable if p.name not in taken)
             taken |= {p.name for p in fresh}
             if fresh:
                 groups.append(ParameterGroup(name, self._groups.get(name, ("as given",))[0], fresh))

@@ -49,20 +49,20 @@ def completed(config: SweepConfig, catalogue: ParameterCatalogue, robot: RobotDe
     Raises:
         DescriptionError: the tolerances file is wrong.
     """
-    said: dict[str, Any] = {}
+    defaults: dict[str, Any] = {}
     if not config.frames:
-        said["frames"] = tuple(dict.fromkeys((robot.loops.working_frame, str(robot.loops.end_frame))))
+        defaults["frames"] = tuple(dict.fromkeys((robot.loops.working_frame, str(robot.loops.end_frame))))
     if not config.errors:
         tolerances = Tolerances.load(config.beside(config.tolerances)) if config.tolerances else Tolerances.of(robot)
         kinds: dict[str, list[str]] = {}
         for p in catalogue.match("geometry"):
             kinds.setdefault(kind_of(p.local, robot.inner_joints), []).append(p.name)
         sizes = {kind: getattr(tolerances.kinds, kind) for kind in kinds}
-        said["errors"] = tuple(
+        defaults["errors"] = tuple(
             ErrorEntry(parameters=tuple(names), distribution="normal", **{f"std_{sizes[kind].unit}": sizes[kind].std})
             for kind, names in kinds.items()
         )
-    return config.model_copy(update=said)
+    return config.model_copy(update=defaults)
 
 
 def select(catalogue: ParameterCatalogue, config: SweepConfig) -> tuple[SweepParameter, ...]:
@@ -156,11 +156,11 @@ class Draws:
     def of(cls, config: SweepConfig, parameters: Sequence[SweepParameter]) -> Self:
         """Return the draws of a sweep."""
         names, samples = sorted({p.part for p in parameters}), config.samples or 0
-        own = {"one_at_a_time": len(parameters), "monte_carlo": samples, "sobol": samples * (len(parameters) + 2)}
+        counts = {"one_at_a_time": len(parameters), "monte_carlo": samples, "sobol": samples * (len(parameters) + 2)}
         margins = tuple(config.errors[p.entry].margin(p.unit) for p in parameters)
         parts = tuple(names.index(p.part) for p in parameters)
         shared = np.sqrt([config.errors[p.entry].correlation for p in parameters])
-        return cls(config.study, config.seed, own[config.study], margins, parts, shared)
+        return cls(config.study, config.seed, counts[config.study], margins, parts, shared)
 
     def values(self, first: int, last: int) -> FloatArray:
         """Return the errors of samples ``first`` to ``last`` in m and rad, shape (last - first, parameters)."""
@@ -174,8 +174,8 @@ class Draws:
         for number in range(first // BLOCK, (last - 1) // BLOCK + 1):
             generator = spawned(self.seed, "errors", number)
             common = generator.standard_normal((BLOCK, max(self.parts) + 1))
-            own = generator.standard_normal((BLOCK, len(self.parts)))
-            blocks.append(self.shared * common[:, list(self.parts)] + np.sqrt(1.0 - self.shared**2) * own)
+            independent = generator.standard_normal((BLOCK, len(self.parts)))
+            blocks.append(self.shared * common[:, list(self.parts)] + np.sqrt(1.0 - self.shared**2) * independent)
         start = first - first % BLOCK
         return np.concatenate(blocks)[first - start : last - start]
 

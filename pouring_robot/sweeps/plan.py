@@ -198,8 +198,8 @@ class SweepPlan:
         if self.config.kind == "open_branch":
             assert isinstance(engine, CompiledEngine)  # only a star has a DH table of its chains
             chains = np.array([p.chain - 1 for p in self.parameters])
-            own = chains[(values != 0.0).argmax(axis=1)]  # all errors of a robot are in one
-            return engine.carry(own[robot], drives, poses.start[pose], of_all)
+            chain_of_robot = chains[(values != 0.0).argmax(axis=1)]  # all errors of a robot are in one
+            return engine.carry(chain_of_robot[robot], drives, poses.start[pose], of_all)
         return engine.close(drives, poses.start[pose], of_all)
 
     @functools.cached_property
@@ -215,14 +215,14 @@ class SweepPlan:
     @functools.cached_property
     def content(self) -> dict[str, Any]:
         """Everything that results and their layout depend on; texts of files as SHA-256."""
-        told_otherwise = {"description", "allocation", "accuracy_mm", "model", "robot"}
-        config = self.config.model_dump(mode="json", exclude=told_otherwise)
-        said = {"drive_offsets": self.model.drive_offset_values(), "home": self.model.definition.file.home}
+        excluded = {"description", "allocation", "accuracy_mm", "model", "robot"}
+        config = self.config.model_dump(mode="json", exclude=excluded)
+        extra = {"drive_offsets": self.model.drive_offset_values(), "home": self.model.definition.file.home}
         return {
             "config": config,
             "parameters": list(self.names),
             "urdf": _digest(self.mechanism.urdf.encode()),
-            **{name: values for name, values in said.items() if values},
+            **{name: values for name, values in extra.items() if values},
             "loops": _digest(self.mechanism.loops.model_dump_json().encode()),
             "poses": _digest(self.poses.poses.tobytes()),
             "version": pouring_robot.__version__,

@@ -73,8 +73,8 @@ class SweepStore:
             self._group = open_group(self.path)
             self._refuse_other()
         else:
-            for left in (name for name in REPORTS if (self.folder / name).exists()):
-                raise SweepStoreError(self.folder, f"holds {left} of another sweep; use another folder or {_OVERWRITE}")
+            for report in (name for name in REPORTS if (self.folder / name).exists()):
+                raise SweepStoreError(self.folder, f"holds {report} of another sweep; use another folder or {_OVERWRITE}")
             with writing(self.folder):
                 self._made = self._make()
             self._group = open_group(self.path)
@@ -124,11 +124,11 @@ class SweepStore:
     def alone(self) -> Iterator[None]:
         """Lock the folder against a second sweep, and delete incomplete files of a killed one."""
         with _locked(self.path):
-            for left in self.folder.glob(f".{STORE}.*.part"):
-                shutil.rmtree(left, ignore_errors=True)
+            for stale in self.folder.glob(f".{STORE}.*.part"):
+                shutil.rmtree(stale, ignore_errors=True)
             for name in self._arrays:
-                for left in (self.path / name).rglob("*.partial"):
-                    left.unlink(missing_ok=True)
+                for stale in (self.path / name).rglob("*.partial"):
+                    stale.unlink(missing_ok=True)
             yield
 
     def discard_empty(self) -> None:

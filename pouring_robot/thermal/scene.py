@@ -47,10 +47,10 @@ def displacement_scene(robot: PouringRobot, field: DisplacementField, title: str
     parts, world = np.array(field.parts), frame_places(mechanism, places, mechanism.loops.base_frame)[0]
     values = np.full(drawn.visual.ngeoms, np.nan)
     for k, (link, place) in enumerate(zip(drawn.links, _middles(drawn)[0], strict=True)):
-        own = np.flatnonzero(parts == _part(link))
-        if own.size:
+        indices = np.flatnonzero(parts == _part(link))
+        if indices.size:
             middle = world[:3, :3].T @ (place - world[:3, 3])
-            nearest = own[int(np.linalg.norm(field.points_m[own] - middle, axis=1).argmin())]
+            nearest = indices[int(np.linalg.norm(field.points_m[indices] - middle, axis=1).argmin())]
             values[k] = field.distance_m[nearest] / MM
     rows = [
         (part.replace("_", " "), f"mean {mean / MM:.2f}, most {most / MM:.2f} mm")

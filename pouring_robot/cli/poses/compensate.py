@@ -237,10 +237,10 @@ def _cells(row: Iterable[object]) -> list[str]:
 
 def _largest(found: Sequence[DriveCompensation]) -> str:
     """Return a tool's errors before and after compensation, in words; the largest over all poses."""
-    before, left = [one.before for one in found], [one.left for one in found]
+    before, after = [one.before for one in found], [one.left for one in found]
     was, remains = (
         (max(size.distance_m for size in sizes) / MM, max(size.angle_rad for size in sizes) / MRAD)
-        for sizes in (before, left)
+        for sizes in (before, after)
     )
     off = f"{was[0]:.3f} mm and {was[1]:.3f} mrad off without compensation"
     return f"largest: '{found[0].frame}' {off}, {remains[0]:.3g} mm and {remains[1]:.3g} mrad with it"

@@ -114,8 +114,8 @@ class Warmth:
                 raise BadInputError("a warm robot needs a pose: give --at-mm and --tilt-deg, or --cold")
             state = heated.locate(command)
         loops = state.location.loops
-        told = heated.shares(state, (loops.end_frame or "", loops.working_frame)) if shares else {}
-        return cls(state.robot, state.location, (heated, state), told)
+        found = heated.shares(state, (loops.end_frame or "", loops.working_frame)) if shares else {}
+        return cls(state.robot, state.location, (heated, state), found)
 
     def figures(self) -> dict[str, Any]:
         """Return heat and shares, ready for JSON; nothing for a cold robot."""
@@ -153,12 +153,12 @@ class Warmth:
 
 def _share_figures(shares: PoseShares) -> dict[str, Any]:
     """Return the three shares and their difference from the sum, in mm and mrad, ready for JSON."""
-    told: dict[str, Any] = {
+    figures: dict[str, Any] = {
         name: difference_figures(getattr(shares, name)) for name in ("geometry", "heat", "together")
     }
-    left = difference_figures(shares.remainder)
-    del left["angle_mrad"]  # a difference of rotation vectors is not a rotation
-    return told | {"not_the_sum_by": left}
+    remainder = difference_figures(shares.remainder)
+    del remainder["angle_mrad"]  # a difference of rotation vectors is not a rotation
+    return figures | {"not_the_sum_by": remainder}
 
 
 def heated_of(robot: Robot, heat: HeatSection | None) -> HeatedRobot | None:

@@ -168,12 +168,12 @@ def thermal(
             show("moving every part", 0, 0)
             field = moved.parts(heated, pose)
     notes = _on_measured(heat, of_shift=history is not None)
-    told = [*page.blocks(found), *(moved.blocks(field) if field else ()), *(Paragraph(note) for note in notes)]
+    blocks = [*page.blocks(found), *(moved.blocks(field) if field else ()), *(Paragraph(note) for note in notes)]
     files: dict[Path, bytes | str] = {}
     if png:
         files[png] = png_of(page.picture(drawn, title))
     if report:
-        files[report] = page.html_report(found, drawn, title, told)
+        files[report] = page.html_report(found, drawn, title, blocks)
     if html is not None and field is not None and pose is not None:
         files[html] = moved.page(heated.robot, pose, field)
     elif html is not None and history is not None and isinstance(drawn, ShiftHeat):
@@ -190,7 +190,7 @@ def thermal(
         return options.print_figures(figures | names, written)
     options.say(found.headline, style="bold")
     options.say(title)
-    print_blocks(told)
+    print_blocks(blocks)
     options.print_written(written)
 
 

@@ -130,9 +130,9 @@ class ConditionOptions:
         found = robot.read_commands(path, known)
         unused = [name for name in read_table(path, "").headings if name in known and not robot.model.conditional]
         if unused:
-            told = any(name.rpartition("_")[2] in UNITS["temperature"] for name in unused)
+            thermal = any(name.rpartition("_")[2] in UNITS["temperature"] for name in unused)
             warms = "; --melt-degC and --ambient-degC warm the robot, alike at every pose"
-            said = warms if told and isinstance(robot, PouringRobot) else ""
+            said = warms if thermal and isinstance(robot, PouringRobot) else ""
             options.note(f"{path}: nothing in the model depends on {', '.join(unused)}{said}")
         return found
 
@@ -148,10 +148,10 @@ class ConditionOptions:
         from pouring_robot.effects.under import RobotUnderConditions, conditions_beside
 
         given: dict[str, Any] = {**options.by_name("--condition", self.condition, "time_s=3600")}
-        told = conditions_beside(beside, robot.model.definition) if isinstance(beside, Path) else dict(beside or {})
-        if twice := given.keys() & told.keys():
+        columns = conditions_beside(beside, robot.model.definition) if isinstance(beside, Path) else dict(beside or {})
+        if twice := given.keys() & columns.keys():
             raise BadInputError(f"'{min(twice)}' is given by --condition and by a column; keep one")
-        return RobotUnderConditions(robot, told | given)
+        return RobotUnderConditions(robot, columns | given)
 
     def refuse_with(self, option: str, robot: Robot) -> None:
         """Refuse effects that depend on conditions, and conditions, with an option that uses one robot for all."""
@@ -255,11 +255,11 @@ class Melt:
         options.with_melt(robot)
         if self.steady:
             given["after_min"] = None
-        told = robot.model.heat or HeatSection()
-        section = told.with_values(**given)
+        stated = robot.model.heat or HeatSection()
+        section = stated.with_values(**given)
         options.note(*section.cautions)
-        if told.measured_degC and not section.measured_degC:
-            parts = ", ".join(told.measured_degC)
+        if stated.measured_degC and not section.measured_degC:
+            parts = ", ".join(stated.measured_degC)
             options.note(f"measured temperatures of the model file are of another time and not used: {parts}")
         return section
 

@@ -216,15 +216,15 @@ def with_melt(robot: Robot) -> PouringRobot:
 
 def by_name(option: str, texts: Iterable[str] | None, such_as: str) -> dict[str, str]:
     """Return the values, by name, of a repeated option NAME=VALUE; raises BadInputError for any other form."""
-    said = dict[str, str]()
+    values = dict[str, str]()
     for text in texts or ():
         name, equals, value = (part.strip() for part in text.partition("="))
         if not name or not equals or not value:
             raise BadInputError(f"{option} '{text}': write NAME=VALUE, such as {such_as}")
-        if name in said:
+        if name in values:
             raise BadInputError(f"{option} '{text}': '{name}' is given twice")
-        said[name] = value
-    return said
+        values[name] = value
+    return values
 
 
 def note(*lines: str) -> None:

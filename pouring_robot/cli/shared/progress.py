@@ -81,9 +81,9 @@ def stage_bars() -> Iterator[Progress]:
                 for known in bars.tasks:
                     bars.update(known.id, visible=known.finished)
                 if stage not in tasks:
-                    told, now = stage[: max(errors.width - _BESIDE, 10)], time.monotonic()
+                    label, now = stage[: max(errors.width - _BESIDE, 10)], time.monotonic()
                     # Steps of an earlier run, in a resumed sweep, took none of its time.
-                    tasks[stage] = bars.add_task(told, total=total or None, stepped=now, first=done)
+                    tasks[stage] = bars.add_task(label, total=total or None, stepped=now, first=done)
                 bars.update(tasks[stage], completed=done, total=total or None, stepped=time.monotonic(), visible=True)
 
         yield show

@@ -92,9 +92,9 @@ class RobotDefinition:
         self.file, self.path = file, path
         loops = self._loops()
         # What URDF can express goes into the URDF, so that these joints can be displaced and exported like others.
-        left = {name: kind for name, kind in loops.joint_types.items() if kind in NOT_IN_URDF}
-        self._kinds = {name: kind for name, kind in loops.joint_types.items() if name not in left}
-        self.loops = loops.model_copy(update={"joint_types": left})
+        not_in_urdf = {name: kind for name, kind in loops.joint_types.items() if kind in NOT_IN_URDF}
+        self._kinds = {name: kind for name, kind in loops.joint_types.items() if name not in not_in_urdf}
+        self.loops = loops.model_copy(update={"joint_types": not_in_urdf})
         root = parsed(self.urdf(), self.source)
         check_sound(root, self.source)
         kinds = {str(joint.get("name")): str(joint.get("type")) for joint in root.iterfind("joint")}
@@ -147,11 +147,11 @@ class RobotDefinition:
     def _loops(self) -> LoopsFile:
         file = self.file
         shared = RobotFile.model_fields.keys() & LoopsFile.model_fields.keys() - {"loops", "drives"}
-        said: dict[str, Any] = {key: value for key in shared if (value := getattr(file, key))}
-        said["drives"] = tuple(entry.joint for entry in file.drives)
+        given: dict[str, Any] = {key: value for key in shared if (value := getattr(file, key))}
+        given["drives"] = tuple(entry.joint for entry in file.drives)
         if isinstance(file.loops, str):
-            return load_loops(self.path.parent / file.loops, said)
-        return validate(LoopsFile, {"mechanism": file.name, "loops": file.loops} | said, self.path)
+            return load_loops(self.path.parent / file.loops, given)
+        return validate(LoopsFile, {"mechanism": file.name, "loops": file.loops} | given, self.path)
 
     def _check_travels(self, travels: Iterable[str], above: Mapping[str, Collection[str]]) -> None:
         """Refuse a travel, held at its home, that does not carry all frames; ``above``: the frames' carriers."""
@@ -240,12 +240,12 @@ class RobotDefinition:
 
     def files_beside(self) -> dict[str, bytes]:
         """Return the files that make the exported URDF a robot again, by name: robot file and its own tolerances."""
-        said = self.file.model_dump(mode="json", exclude_defaults=True, exclude={"xacro", "mappings", "joint_types"})
-        own = self.loops.model_dump(mode="json", exclude_defaults=True, exclude={"mechanism", "drives"})
-        beside = {} if self.tolerances_file is None else {"tolerances": read_text(self.tolerances_file).encode()}
-        names = {key: f"{key}.yaml" for key in beside}
-        content = {**said, "urdf": f"{robot_name(parsed(self.urdf()))}.urdf", **own, **names}
-        return {"robot.yaml": yaml_text(content).encode()} | {names[key]: text for key, text in beside.items()}
+        given = self.file.model_dump(mode="json", exclude_defaults=True, exclude={"xacro", "mappings", "joint_types"})
+        loops = self.loops.model_dump(mode="json", exclude_defaults=True, exclude={"mechanism", "drives"})
+        extra = {} if self.tolerances_file is None else {"tolerances": read_text(self.tolerances_file).encode()}
+        names = {key: f"{key}.yaml" for key in extra}
+        content = {**given, "urdf": f"{robot_name(parsed(self.urdf()))}.urdf", **loops, **names}
+        return {"robot.yaml": yaml_text(content).encode()} | {names[key]: text for key, text in extra.items()}
 
     @property
     def tolerances_file(self) -> Path | None:
@@ -279,8 +279,8 @@ class RobotDefinition:
     @property
     def ranged_columns(self) -> tuple[Quantity, ...]:
         """Columns of drives and conditions that have a range in a campaign."""
-        told = (*self.drive_columns, *self.condition_columns)
-        return tuple(quantity for quantity in told if quantity.kind not in ("label", "sign"))
+        columns = (*self.drive_columns, *self.condition_columns)
+        return tuple(quantity for quantity in columns if quantity.kind not in ("label", "sign"))
 
     def drive_values(self, numbers: Mapping[str, FloatArray]) -> FloatArray:
         """Return the values of driven joints, (n, drives), in m and rad, from columns (n,); missing ones are NaN."""
@@ -385,9 +385,9 @@ class RobotDefinition:
         named = {name: [by_joint[joint] for joint in joints] for name, joints in self.file.groups.items()}
         units = {name: members[0].unit for name, members in named.items()} | {ROTATIONS: "rad", SLIDES: "m"}
         found = {name: [drive for drive in named.get(name, ()) if drive.unit == unit] for name, unit in units.items()}
-        left = [drive for drive in self.drives if drive not in itertools.chain(*found.values())]
+        rest = [drive for drive in self.drives if drive not in itertools.chain(*found.values())]
         for name in (ROTATIONS, SLIDES):
-            found[name] += [drive for drive in left if drive.unit == units[name]]
+            found[name] += [drive for drive in rest if drive.unit == units[name]]
         return {name: tuple(members) for name, members in found.items() if members}
 
     @property

@@ -184,9 +184,9 @@ def _inertia(link: Any) -> pin.Inertia | None:
         return None
     moments = inertial.find("inertia")
     xx, xy, xz, yy, yz, zz = (float(moments.get(f"i{key}", "0")) for key in ("xx", "xy", "xz", "yy", "yz", "zz"))
-    own = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
-    own.inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])  # as stated, even if physically impossible
-    return origin_pose(inertial).act(own)
+    inertia = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
+    inertia.inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])  # as stated, even if physically impossible
+    return origin_pose(inertial).act(inertia)
 
 
 def _shapes(link: Any, what: str, paint: Mapping[Any, Any]) -> Iterator[Shape]:
@@ -210,7 +210,7 @@ def _joint(entry: Any, closed: ClosedRobot) -> Joint:
     if closed.mechanism.loops.joint_types.get(name) == "spherical":
         kind = "spherical"
     axis = joint_axis(entry)
-    said = {key: value for part in entry.xpath("limit | dynamics") for key, value in part.attrib.items()}
+    stated = {key: value for part in entry.xpath("limit | dynamics") for key, value in part.attrib.items()}
     return Joint(
         name,
         "revolute" if kind == "continuous" else kind,
@@ -219,5 +219,5 @@ def _joint(entry: Any, closed: ClosedRobot) -> Joint:
         axis / (np.linalg.norm(axis) or 1.0),  # fixed joints may have no axis
         closed.joints.get(name, 0.0),
         None if kind == "spherical" else limits_of(entry),
-        *(float(said.get(key, "0")) for key in ("effort", "velocity", "damping", "friction")),
+        *(float(stated.get(key, "0")) for key in ("effort", "velocity", "damping", "friction")),
     )

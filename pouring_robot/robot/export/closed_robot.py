@@ -113,8 +113,8 @@ class ClosedRobot:
         for joint in root.iterfind("joint"):
             value = self.joints.get(str(joint.get("name")), 0.0)
             limit, mimic = joint.find("limit"), joint.find("mimic")
-            for bound, said in zip(("lower", "upper"), limits_of(joint) or (), strict=False):
-                limit.set(bound, repr(said - value))
+            for bound, stated in zip(("lower", "upper"), limits_of(joint) or (), strict=False):
+                limit.set(bound, repr(stated - value))
             for tag, key in _COUNTED:
                 for part in joint.iterfind(f"{tag}[@{key}]"):
                     part.set(key, repr(float(part.get(key)) - value))

@@ -88,11 +88,11 @@ def _mobilities(closed: ClosedRobot, assembly: Assembly) -> dict[str, tuple[floa
     mass = pin.crba(model, data, closed.result.configuration)
     mass = np.triu(mass) + np.triu(mass, 1).T
     for joint in assembly.servos:
-        own = mechanism.joint_columns[joint.name].start
-        mass[own, own] += joint.armature
+        column = mechanism.joint_columns[joint.name].start
+        mass[column, column] += joint.armature
     if not np.isfinite(np.linalg.cond(mass)) or np.linalg.cond(mass) > _MOST_UNEQUAL:
         least = int(np.argmin(np.diag(mass)))
-        moving = next(name for name, own in mechanism.joint_columns.items() if own.start <= least < own.stop)
+        moving = next(name for name, column in mechanism.joint_columns.items() if column.start <= least < column.stop)
         raise DescriptionError(
             "URDF", f"the links that '{moving}' moves have no mass, which MuJoCo refuses; give them one"
         )
@@ -143,9 +143,9 @@ def _fill(element: Any, body: Body, assembly: Assembly) -> None:
         m = body.inertia.inertia
         least, middle, most = np.linalg.eigvalsh(m)
         if m.any() and not (least > 0.0 and most <= (least + middle) * (1.0 + _ROUND_OFF)):
-            said = f"{least:.3g}, {middle:.3g}, {most:.3g} kg m²"
+            values = f"{least:.3g}, {middle:.3g}, {most:.3g} kg m²"
             problem = (
-                f"link {body.name}: principal moments of inertia {said} are physically impossible, which MuJoCo refuses"
+                f"link {body.name}: principal moments of inertia {values} are physically impossible, which MuJoCo refuses"
             )
             raise DescriptionError("URDF", f"{problem}; give positive ones, each at most the sum of the others")
         moments = {"fullinertia": text((m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))}

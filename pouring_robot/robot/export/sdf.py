@@ -93,7 +93,7 @@ def _shape(shape: Shape) -> Iterator[Any]:
         sizes = dict(zip(("radius", "length"), map(repr, shape.sizes), strict=False))
     mesh = {"uri": f"meshes/{shape.stem}.obj"} if shape.kind == "mesh" else {}
     yield _pose(shape.pose)
-    yield E.geometry(E(shape.kind, *(E(tag, said) for tag, said in (mesh | sizes).items())))
+    yield E.geometry(E(shape.kind, *(E(tag, value) for tag, value in (mesh | sizes).items())))
 
 
 def _paint(shape: Shape) -> Any:

@@ -167,9 +167,9 @@ class FourUPUKinematics(Drawing):
         # In platform axes: front fixed centre from the rod's known angle, rear one from two circles.
         front_fixed = moving[1] + sides[:, 1:] * np.column_stack([-np.sin(theta), np.cos(theta)])
         rear_fixed = _circle_meetings(moving[0], sides[:, 0], front_fixed, float(np.linalg.norm(fixed[1] - fixed[0])))
-        seen, real = front_fixed[:, None] - rear_fixed, fixed[1] - fixed[0]
+        in_platform, in_base = front_fixed[:, None] - rear_fixed, fixed[1] - fixed[0]
         # x-z plane with R_y(r): a vector (x, z) in platform axes is (x cos r + z sin r, z cos r - x sin r) in O's axes.
-        tilt = np.arctan2(seen[..., 1], seen[..., 0]) - math.atan2(real[1], real[0])
+        tilt = np.arctan2(in_platform[..., 1], in_platform[..., 0]) - math.atan2(in_base[1], in_base[0])
         tilt = np.arctan2(np.sin(tilt), np.cos(tilt))
         cos, sin = np.cos(tilt), np.sin(tilt)
         x = fixed[0, 0] - (rear_fixed[..., 0] * cos + rear_fixed[..., 1] * sin)

@@ -82,16 +82,16 @@ def _refuse_ambiguous(path: Path, ours: object, theirs: object, key: str = "") -
     if isinstance(ours, dict) and isinstance(theirs, dict):
         for name, value in ours.items():
             if name not in theirs:
-                seen = f"YAML readers disagree on the name '{name}'"
+                problem = f"YAML readers disagree on the name '{name}'"
                 where = f"'{key}': " if key else ""
-                raise DescriptionError(path, f"{where}{seen}; put it in quotes")
+                raise DescriptionError(path, f"{where}{problem}; put it in quotes")
             _refuse_ambiguous(path, value, theirs.get(name), f"{key}.{name}".lstrip("."))
     elif isinstance(ours, list) and isinstance(theirs, list) and len(ours) == len(theirs):
         for index, (mine, other) in enumerate(zip(ours, theirs, strict=True)):
             _refuse_ambiguous(path, mine, other, f"{key}.{index}")
     elif ours != theirs and not (isinstance(ours, float) and math.isnan(ours)):
-        seen = f"YAML readers disagree on this value ({reprlib.repr(ours)} or {reprlib.repr(theirs)})"
-        raise DescriptionError(path, f"'{key}': {seen}; write numbers as 12.5 or 1.0e+5")
+        problem = f"YAML readers disagree on this value ({reprlib.repr(ours)} or {reprlib.repr(theirs)})"
+        raise DescriptionError(path, f"'{key}': {problem}; write numbers as 12.5 or 1.0e+5")
 
 
 def stale_mesh_note(name: str, layouts_file: Path | None) -> str | None:

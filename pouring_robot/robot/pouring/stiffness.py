@@ -123,12 +123,12 @@ class PartStiffness:
             "bearings": 4.0 * 0.5 * bearing,
         }
         torsion = G * 0.5 * np.pi * radius**4 / spindle_m
-        own = given.measured
+        measured = given.measured
         return cls(
-            leg_axial=np.full(4, own.leg_axial) if own.leg_axial else 1.0 / (spindle + sum(drive.values())),
-            joint=own.joint or 1.0 / sum(joint.values()),
-            leg_torsion=np.full(4, own.leg_torsion) if own.leg_torsion else torsion,
-            tilt_drive=own.tilt_drive or 1.0 / (1.0 / given.tilt_drive.torsion.value + bent),
+            leg_axial=np.full(4, measured.leg_axial) if measured.leg_axial else 1.0 / (spindle + sum(drive.values())),
+            joint=measured.joint or 1.0 / sum(joint.values()),
+            leg_torsion=np.full(4, measured.leg_torsion) if measured.leg_torsion else torsion,
+            tilt_drive=measured.tilt_drive or 1.0 / (1.0 / given.tilt_drive.torsion.value + bent),
             shares=joint | drive | {"spindle": float(spindle.mean())},
         )
 

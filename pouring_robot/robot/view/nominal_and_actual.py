@@ -105,8 +105,8 @@ def _error_arrows(locations: Sequence[Location]) -> tuple[FloatArray, FloatArray
     starts, vectors = [], []
     for one in locations:
         starts.append(one.nominal.pose("universe", one.loops.working_frame).translation)
-        seen = one.nominal.pose("universe", one.loops.base_frame)
-        vectors.append(seen.rotation @ one.difference().translation_m)
+        base = one.nominal.pose("universe", one.loops.base_frame)
+        vectors.append(base.rotation @ one.difference().translation_m)
     return np.array(starts), np.array(vectors)
 
 

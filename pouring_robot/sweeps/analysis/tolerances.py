@@ -78,8 +78,8 @@ def group_covariances(
     found = []
     for g in range(max(groups) + 1):
         columns = np.flatnonzero(group_of == g)
-        own = transfer[:, :, columns]
-        found.append(own @ errors[np.ix_(columns, columns)] @ own.transpose(0, 2, 1))
+        part = transfer[:, :, columns]
+        found.append(part @ errors[np.ix_(columns, columns)] @ part.transpose(0, 2, 1))
     return np.stack(found, axis=1)
 
 
@@ -167,13 +167,13 @@ def distance_quantiles(covariances: FloatArray, share: float) -> FloatArray:
     cosines, weights = np.polynomial.legendre.leggauss(_DIRECTIONS)
     turns = (np.arange(_DIRECTIONS) + 0.5) * np.pi / _DIRECTIONS
     flat = 1.0 - cosines**2
-    across, beside = (np.outer(flat, part**2).ravel() for part in (np.cos(turns), np.sin(turns)))
-    squares = np.stack([across, beside, np.repeat(cosines**2, _DIRECTIONS)])
+    first, second = (np.outer(flat, part**2).ravel() for part in (np.cos(turns), np.sin(turns)))
+    squares = np.stack([first, second, np.repeat(cosines**2, _DIRECTIONS)])
     weight = np.repeat(weights / (2.0 * _DIRECTIONS), _DIRECTIONS)
     result = np.zeros(len(variances))
-    for k, own in enumerate(variances):
-        if own[-1] > 0.0:
-            result[k] = _quantile(np.sqrt((own / own[-1]) @ squares), weight, share) * np.sqrt(own[-1])
+    for k, variance in enumerate(variances):
+        if variance[-1] > 0.0:
+            result[k] = _quantile(np.sqrt((variance / variance[-1]) @ squares), weight, share) * np.sqrt(variance[-1])
     return result
 
 
@@ -253,9 +253,9 @@ def _measures(
     for matrices in _matrices(plan, poses):
         squares += ((matrices[:, :3] * std) ** 2).sum(axis=0) / len(poses)
     squares[:, squares.sum(axis=0) < _ROUND_OFF**2 * squares.sum(axis=0).max()] = 0.0
-    own = squares.sum(axis=0)
-    share = own / max(own.sum(), np.finfo(float).tiny)
-    figures = {"share_of_scatter": share, "rms_mm": np.sqrt(own) / MM, "main_axis": main_axis(squares.T)}
+    variance = squares.sum(axis=0)
+    share = variance / max(variance.sum(), np.finfo(float).tiny)
+    figures = {"share_of_scatter": share, "rms_mm": np.sqrt(variance) / MM, "main_axis": main_axis(squares.T)}
     return "share_of_scatter", figures
 
 

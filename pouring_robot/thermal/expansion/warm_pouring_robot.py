@@ -143,8 +143,8 @@ class PoseShares:
     def remainder(self) -> PoseDifference:
         """Difference from the sum: together - geometry - heat; for rotations it is of second order."""
         whole, geometry, heat = self.together, self.geometry, self.heat
-        left = whole.translation_m - geometry.translation_m - heat.translation_m
-        return PoseDifference(left, whole.rotation_rad - geometry.rotation_rad - heat.rotation_rad)
+        shift = whole.translation_m - geometry.translation_m - heat.translation_m
+        return PoseDifference(shift, whole.rotation_rad - geometry.rotation_rad - heat.rotation_rad)
 
 
 class HeatedRobot:

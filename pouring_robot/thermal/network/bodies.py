@@ -79,10 +79,10 @@ class Bodies:
         clad_cells = np.flatnonzero(np.sum(moving.face_area_m2 * covered, axis=1) > 0.0)
         nodes = NodeMap.of(grid, moving.count, clad_cells, fixed.count)
         surfaces = []
-        for seen in (moving.face_area_m2, moving.face_area_m2 * factors):
+        for exposed in (moving.face_area_m2, moving.face_area_m2 * factors):
             surface = np.zeros(nodes.count)
-            surface[nodes.moving_platform] = np.sum(seen * ~covered, axis=1)
-            surface[nodes.cladding] = np.sum(seen * covered, axis=1)[clad_cells]
+            surface[nodes.moving_platform] = np.sum(exposed * ~covered, axis=1)
+            surface[nodes.cladding] = np.sum(exposed * covered, axis=1)[clad_cells]
             surfaces.append(surface)
         area, view = surfaces
         area[nodes.fixed_platform], area[nodes.shell] = fixed.face_area_m2.sum(axis=1), ladle.outer_area_m2

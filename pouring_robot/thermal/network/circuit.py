@@ -129,9 +129,9 @@ def grey_radiation(
     emits and absorbs the share ``melt_emissivity`` and reflects the surroundings with the rest, so that no heat flows
     in surroundings as hot as the melt. Shape (n,) each, in W/K⁴.
     """
-    seen = melt_emissivity * view_area_m2
+    melt_area_m2 = melt_emissivity * view_area_m2
     scale = emissivity * Stefan_Boltzmann
-    return scale * seen, scale * (area_m2 - seen)
+    return scale * melt_area_m2, scale * (area_m2 - melt_area_m2)
 
 
 @one_blas_thread()

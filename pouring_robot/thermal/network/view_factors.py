@@ -75,9 +75,9 @@ def _arc_integrals(radius: float, offset: float, height: float, start: float, en
     q = ripple / (total + root)
     flat, cosines = 0.0, 0.0
     for angle, sign in ((start, -1.0), (end, 1.0)):
-        sine, ahead = math.sin(angle), 1.0 - q * math.cos(angle)
-        turned = math.atan2(q * sine, ahead)
-        slope = turned / q if q > 1e-9 else sine / ahead
+        sine, cosine_part = math.sin(angle), 1.0 - q * math.cos(angle)
+        turned = math.atan2(q * sine, cosine_part)
+        slope = turned / q if q > 1e-9 else sine / cosine_part
         flat += sign * (angle + 2.0 * turned) / root
         cosines += sign * (angle * q + 2.0 * total * slope / (total + root)) / root
     rise = (math.cos(start) - math.cos(end)) / (total - ripple * math.cos(start))
@@ -104,13 +104,13 @@ def _unhidden(point: FloatArray, normal: FloatArray, radius: float) -> float:
     middle = 0.0 if whole else math.atan2(tangential, radial)
     start, end = middle - half, middle + half
     flat, sines, cosines = _arc_integrals(radius, offset, height, start, end)
-    seen = height * radius * (radial * cosines + tangential * sines)
-    seen += vertical * radius * (radius * flat - offset * cosines)
+    integral = height * radius * (radial * cosines + tangential * sines)
+    integral += vertical * radius * (radius * flat - offset * cosines)
     if not whole:  # the signed angle that the chord, from the arc's end to its start, subtends at the element
         far = (radius * math.cos(end) - offset, radius * math.sin(end), -height)
         near = (radius * math.cos(start) - offset, radius * math.sin(start), -height)
-        seen += math.atan2(dot(cross(far, near), (radial, tangential, vertical)), dot(far, near))
-    factor: float = min(max(-seen / (2.0 * math.pi), 0.0), 1.0)
+        integral += math.atan2(dot(cross(far, near), (radial, tangential, vertical)), dot(far, near))
+    factor: float = min(max(-integral / (2.0 * math.pi), 0.0), 1.0)
     return factor
 
 
@@ -258,12 +258,12 @@ def write_factors(
     """
     bounds, pieces, counts, numbers, facing, totals = room
     for n in range(len(facets)):
-        seen = False
+        visible = False
         for m in range(facets.shape[1]):
             factors[n, m] = _unhidden(facets[n, m], normals[n, m], radius)
-            seen = seen or factors[n, m] > 0.0
+            visible = visible or factors[n, m] > 0.0
         x, y, z = middles[n]
-        near = _boxes_between((x, y, z), radius, boxes, numbers) if seen and z > 0.0 else 0
+        near = _boxes_between((x, y, z), radius, boxes, numbers) if visible and z > 0.0 else 0
         if near == 0:
             continue
         found, between = 0, numbers[:near]
@@ -276,12 +276,12 @@ def write_factors(
         along, across = x * _WAY_X + y * _WAY_Y, y * _WAY_X - x * _WAY_Y
         totals[:] = 0.0
         for c in range(len(chords)):
-            beside, half, weight = chords[c, 0] - across, chords[c, 1], chords[c, 2]
-            square = beside * beside + z * z
+            lateral, half, weight = chords[c, 0] - across, chords[c, 1], chords[c, 2]
+            square = lateral * lateral + z * z
             for m in range(facets.shape[1]):
                 normal = normals[n, m]
                 facing[m, 0] = normal[0] * _WAY_X + normal[1] * _WAY_Y
-                facing[m, 1] = (normal[1] * _WAY_X - normal[0] * _WAY_Y) * beside - normal[2] * z
+                facing[m, 1] = (normal[1] * _WAY_X - normal[0] * _WAY_Y) * lateral - normal[2] * z
             _add_piece(totals[0], facing, -half - along, half - along, square, weight)
             for k in range(counts[c]):
                 begin, end = pieces[c, k]

@@ -86,7 +86,7 @@ def left_out(table: ErrorTable, positions: Positions | None = None, **selector: 
     for k, name in enumerate(table.names):
         others = [i for i in range(count) if i != k]
         lines = fit_lines(table.without([name]), None if positions is None else positions.rows(others), **selector)
-        own = None if positions is None else positions.values[[k]]
+        position = None if positions is None else positions.values[[k]]
         for method, line in lines.items():
-            residuals.setdefault(method, []).append(table.errors[:, [k]] - line.predict(table.temperatures_K, own))
+            residuals.setdefault(method, []).append(table.errors[:, [k]] - line.predict(table.temperatures_K, position))
     return {method: ResidualStatistics.of(np.concatenate(found, axis=1)) for method, found in residuals.items()}

@@ -144,8 +144,8 @@ class RegressionReport(Result):
         """Held-out errors of the methods, axis by axis."""
         words = []
         for axis, one in self.axes.items():
-            before, left = (one.unseen[name].rms * 1e3 for name in (NONE, one.method))
-            words.append(f"{axis or 'error'} {before:.3f} → {left:.3f} ({one.method})")
+            before, after = (one.unseen[name].rms * 1e3 for name in (NONE, one.method))
+            words.append(f"{axis or 'error'} {before:.3f} → {after:.3f} ({one.method})")
         return f"rms on sets left out, {next(iter(self.axes.values())).unit}: " + ", ".join(words)
 
     def _table(self) -> Any:
@@ -155,10 +155,10 @@ class RegressionReport(Result):
                 "axis": axis,
                 "method": name,
                 f"fitted_rms_{one.unit}": one.fitted[name].rms * 1e3,
-                f"left_out_rms_{one.unit}": left.rms * 1e3,
+                f"left_out_rms_{one.unit}": residuals.rms * 1e3,
             }
             for axis, one in self.axes.items()
-            for name, left in one.unseen.items()
+            for name, residuals in one.unseen.items()
         ]
 
     def figures(self) -> dict[str, Any]:
@@ -233,17 +233,17 @@ def by_axis(table: ErrorTable, axis: str = "") -> dict[str, ErrorTable]:
     ``axis``: the direction of a table whose names state none, or the only one wanted of those stated. Names that are
     inconsistent, with each other or with ``axis``, raise TableError.
     """
-    said = {name: name.rpartition("_")[2] for name in table.names if name.rpartition("_")[2] in AXES}
-    if not said:
+    directions = {name: name.rpartition("_")[2] for name in table.names if name.rpartition("_")[2] in AXES}
+    if not directions:
         return {axis: table}
-    if len(said) < len(table.names):
+    if len(directions) < len(table.names):
         raise TableError(table.source, "some sets name a direction (P1_x) and others do not; name all or none")
-    if axis and axis not in said.values():
-        there = ", ".join(dict.fromkeys(said.values()))
+    if axis and axis not in directions.values():
+        there = ", ".join(dict.fromkeys(directions.values()))
         raise TableError(table.source, f"has no direction {axis}, only {there}; give --axis one of these")
     parts = {}
-    for a in [axis] if axis else dict.fromkeys(said.values()):
-        own = table.select([name for name in table.names if said[name] == a])
+    for a in [axis] if axis else dict.fromkeys(directions.values()):
+        own = table.select([name for name in table.names if directions[name] == a])
         names = tuple(name.removesuffix(f"_{a}") for name in own.names)
         parts[a] = ErrorTable(own.temperatures_K, own.errors, names, own.kind, own.source)
     if len({part.names for part in parts.values()}) > 1:
@@ -308,17 +308,17 @@ def _axis(direction: str, one: AxisRegression) -> list[Block]:
         for name, degree, vif in zip(names, selector.grey_degrees_, selector.vif_, strict=True)
     ]
     values = ", ".join(f"{value:.4f}" for value in regression.eigenvalues_)
-    left = []
+    rows = []
     for method, remains in one.unseen.items():
         figures = (one.fitted[method].rms, remains.rms, remains.mean, remains.spread)
         mark = "in the file" if method == one.method else ""
-        left.append((one.words(method), *(f"{value * 1e3:z.4f}" for value in figures), mark))
+        rows.append((one.words(method), *(f"{value * 1e3:z.4f}" for value in figures), mark))
     return [
         Heading(f"direction {direction}" if direction else "errors"),
         Lines([f"groups {parts} for λ above {low:.7f}, up to {high:.7f}"]),
         Table(("set", "grey degree", "VIF against those chosen before", ""), degrees),
         Lines([f"eigenvalues {values}; the first carries {regression.cumulative_[0]:.2%}", *one.formulas()]),
-        Table((f"what is left, {one.unit}", "fitted rms", "left-out rms", "mean", "spread", ""), left),
+        Table((f"what is left, {one.unit}", "fitted rms", "left-out rms", "mean", "spread", ""), rows),
     ]
 
 
@@ -328,7 +328,7 @@ def _figure(found: RegressionReport) -> object:
     panels = figure.subplots(len(found.axes), 1, squeeze=False)[:, 0]
     for panel, (direction, one) in zip(panels, found.axes.items(), strict=True):
         words = [one.words(method) for method in one.unseen]
-        values = [left.rms * 1e3 for left in one.unseen.values()]
+        values = [residuals.rms * 1e3 for residuals in one.unseen.values()]
         colours = [COLOURS[0] if method == one.method else ASH for method in one.unseen]
         for bar, word, value in zip(panel.barh(words, values, color=colours), words, values, strict=True):
             tell(bar, [f"{word}: {value:.4f} {one.unit}"])
@@ -347,9 +347,9 @@ def _warnings(axes: dict[str, AxisRegression]) -> list[str]:
     for direction, one in axes.items():
         where = f"direction {direction}: " if direction else ""
         if not one.helps:
-            left, before = (one.unseen[name].rms * 1e3 for name in (one.method, NONE))
+            after, before = (one.unseen[name].rms * 1e3 for name in (one.method, NONE))
             notes.append(
-                f"{where}no method helps: on sets left out '{one.method}' leaves {left:.3f} of {before:.3f} "
+                f"{where}no method helps: on sets left out '{one.method}' leaves {after:.3f} of {before:.3f} "
                 f"{one.unit}: {_UNLIKE}; "
                 + ("do not compensate" if POSE in one.unseen else "give --poses, or do not compensate")
             )
