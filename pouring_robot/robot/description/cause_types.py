@@ -35,7 +35,7 @@ class Thermometers:
     expected: bool = True  # whether to report that a campaign does not have it
     # smallest rise above the cold machine while it is hot, in K; 0 for what stays cold
     hot_rise_k: float = 0.0
-    # its temperature then, unless the data say otherwise
+    # its fixed temperature while it is hot, whatever was measured; None: it has none
     hot_degC: float | None = None
 
 

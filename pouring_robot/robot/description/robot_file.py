@@ -70,7 +70,7 @@ class RobotFile(StrictModel):
     tolerances: str | None = None  # the robot's own tolerances file
     # force on a linear drive for which its stretch is stated; ``usual_moment_nm``: moment on a rotary drive
     usual_force_n: float = pydantic.Field(default=1000.0, gt=0.0)
-    usual_moment_nm: float | None = pydantic.Field(default=None, gt=0.0)  # by default what the drives are made for
+    usual_moment_nm: float | None = pydantic.Field(default=None, gt=0.0)  # by default from their effort limits
     payload_frame: str | None = None  # where a payload hangs
     travel: tuple[str, ...] = ()  # joints that carry base_frame and all in it; they take no part in the closure
     # joint values near which the robot closes; by default all zero

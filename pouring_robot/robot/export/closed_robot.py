@@ -4,7 +4,7 @@ A tree carries the platform on one chain. In the robot as built, that chain alon
 and the whole closure residual would appear at the feet of the other chains. So the joint that carries the platform
 (``cut_joints``) is placed where the closure, in which all chains count equally, puts it at the chosen command. There
 every body of the tree has the package's pose, and each foot is off its seat by its own chain's residual. At other
-commands the carrying chain's residual differs; :meth:`ClosedRobot.over_workspace` tells the resulting error.
+commands the carrying chain's residual differs; :meth:`ClosedRobot.over_workspace` returns the resulting error.
 """
 
 import functools

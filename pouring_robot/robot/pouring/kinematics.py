@@ -29,7 +29,7 @@ TASK_ROWS = (0, 1, 2, 4)
 def chain_joints(
     fixed_m: FloatArray, moving_m: FloatArray, positions_m: FloatArray, tilts_rad: FloatArray
 ) -> FloatArray:
-    """Return the joint values of all chains for poses (nominal inverse kinematics): positions (..., 3), tilts (...).
+    """Return the joint values of all chains at positions (..., 3), m, and tilts (...), rad: nominal inverse kinematics.
 
     ``fixed_m`` and ``moving_m`` are the U-joint centres in the fixed and in the moving platform, shape (4, 3), in m.
 
