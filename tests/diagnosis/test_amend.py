@@ -61,7 +61,7 @@ def test_a_minor_drift_belongs_to_these_rows_and_not_to_the_robot(tmp_path, monk
     ]
 
 
-def test_every_parameter_stands_in_the_stack_with_value_and_unit(case):
+def test_every_parameter_is_in_the_stack_with_value_and_unit(case):
     found, model, _ = case
     entries = {(e.effect, name): p for e in model.effects for name, p in e.parameters.items()}
     for effect in found.effects:

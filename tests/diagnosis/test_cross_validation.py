@@ -105,7 +105,7 @@ def test_what_predicts_no_row_is_not_named(tmp_path):
 
 @pytest.mark.parametrize(
     ("before", "after", "kept"),
-    # squares less one: 3.93 and 1.62, 12.8 and 7.9; of 1.48 times the noise nobody knows; worse than before
+    # squares less one: 3.93 and 1.62, 12.8 and 7.9; 1.48 times the noise may be noise; worse than before
     [(2.22, 1.62, False), (3.72, 2.98, True), (1.56, 1.48, False), (2.0, 2.5, True)],
 )
 def test_half_of_the_gap_is_of_squares_less_the_noise(before, after, kept):

@@ -125,7 +125,7 @@ def test_of_steps_that_lead_too_far_no_derivatives_are_computed(hot, monkeypatch
 
 
 @pytest.mark.parametrize("copied", [False, True])
-def test_where_they_disagree_is_computed_in_parallel_with_the_search_or_on_request(tmp_path, monkeypatch, copied):
+def test_disagreements_are_computed_in_parallel_with_the_search_or_on_request(tmp_path, monkeypatch, copied):
     module, here = importlib.import_module("pouring_robot.diagnosis.diagnose"), []
     monkeypatch.setattr(conclusions, "where_of", lambda diagnoser: here.append(diagnoser) or "here")
     monkeypatch.setattr(module, "forked", lambda work: contextlib.nullcontext((lambda: "there") if copied else work))

@@ -77,7 +77,7 @@ def test_how_much_of_a_turn_was_covered():
     assert np.corrcoef(first, second)[0, 1] == pytest.approx(0.3, abs=0.05)
 
 
-def test_of_several_orders_it_is_reported_that_they_cannot_be_told_apart(tmp_path):
+def test_indistinguishable_orders_are_reported_where_there_are_several(tmp_path):
     """The azimuth turned nearly once, the elevation by 30 degrees, in which its waves are not smooth."""
     diagnosis = found(tmp_path, (60, 90), lambda _, angle: 0.5 * np.sin(7.0 * angle) + 0.3 * np.sin(12.0 * angle))
     (effect,) = diagnosis.firm

@@ -284,7 +284,7 @@ def test_a_series_of_which_one_term_is_the_cause_explains_as_well():
     assert found.margins == {} and found.alternatives == ("b",)
 
 
-def test_only_main_parameters_of_what_may_be_named_explain_as_well():
+def test_only_main_parameters_of_effects_that_may_be_named_explain_as_well():
     """No shape does, nor an identical effect that is no cause, nor a direction left by rounding of two columns."""
     items = [
         explanation("a", axis(0)),
