@@ -205,25 +205,34 @@ TURN_MISTAKES = tuple(_turn_mistakes())
 
 
 def mistaken_distances(campaign: Campaign, poses: PoseStack) -> Iterator[DataFlag]:
-    """Find distances from the fixed point that have another unit or zero, by the nominal poses.
+    """Find distances that have another unit or zero, by the nominal poses.
 
     For a target at t on a body at p, R and a point c, d² = |p|² + 2 p·Rt - 2 c·(p + Rt) + |t|² + |c|². So whatever t
     and c are, the part of |p|² that the other terms cannot explain is in d² once, in the square of its unit. Where they
     explain all of it, as for a body that turns about the end of one crank, nothing can be said. A device with another
     zero, such as a draw wire, reads r = d - s, and d² = r² + 2 s r + s²: the unexplained part of |p|² is that of r²
-    plus 2 s times that of r.
+    plus 2 s times that of r. From the place in another row it is |p|² + 2 p·Rt + t·RᵀRt of the differences p and R.
     """
     if campaign.distance_m is None:
         return
-    distance = campaign.distance_m[:, 0]
-    rows = poses.complete & (distance > 0.0) & (campaign.distance_start == -1)
-    place, turned, count = poses.position_m[rows], poses.rotation[rows], int(rows.sum())
-    others = np.hstack([np.ones((count, 1)), place, np.einsum("nij,ni->nj", turned, place), turned.reshape(count, 9)])
+    start = campaign.distance_start
+    usable = poses.complete & (campaign.distance_m[:, 0] > 0.0)
+    fixed, between = (np.flatnonzero(usable & one) for one in (start == -1, (start >= 0) & poses.complete[start]))
+    place, turned = poses.position_m[fixed], poses.rotation[fixed]
+    told = [np.ones((fixed.size, 1)), place, np.einsum("nij,ni->nj", turned, place), turned.reshape(-1, 9)]
+    yield from _mistaken(campaign, fixed, place, np.hstack(told))
+    place, turned = (all_[between] - all_[start[between]] for all_ in (poses.position_m, poses.rotation))
+    told = [np.einsum("nij,ni->nj", turned, place), np.einsum("nij,nik->njk", turned, turned).reshape(-1, 9)]
+    yield from _mistaken(campaign, between, place, np.hstack(told))
+
+
+def _mistaken(campaign: Campaign, rows: Indices, place: FloatArray, others: FloatArray) -> Iterator[DataFlag]:
+    """Find it of rows whose squares are those of places (n, 3) and what unknown places make of others (n, k)."""
     axes, sizes, _ = np.linalg.svd(others, full_matrices=False)
     axes = axes[:, sizes > 1e-9 * sizes.max(initial=0.0)]
-    if count < 2 * axes.shape[1] or not count:
+    if rows.size < 2 * axes.shape[1] or not rows.size or campaign.distance_m is None:
         return
-    read = distance[rows]
+    read = campaign.distance_m[rows, 0]
     terms = np.column_stack([np.square(place).sum(axis=1), np.square(read), read])
     drawn, measured, once = (terms - axes @ (axes.T @ terms)).T
     heading, quantities = campaign.heading(columns.DISTANCE), [columns.DISTANCE]

@@ -39,6 +39,14 @@ def inverse_poses(campaign):
     )
 
 
+def from_first(campaign, factor=1.0, short_m=0.0):
+    """Distances from where the target was in the first row, in another unit or counted from elsewhere."""
+    distance = factor * np.linalg.norm(campaign.position_m - campaign.position_m[0], axis=1) - short_m
+    distance[0] = np.nan
+    start = ("", *[campaign.samples[0]] * (len(campaign) - 1))
+    return damaged(campaign, distance_m=distance[:, None], distance_from=start)
+
+
 def set_rows(rows, column, value):
     def change(values):
         if values.ndim == 1:
@@ -119,9 +127,12 @@ DAMAGES = {
     ],
     "distance_unit": [
         lambda c: damaged(c, distance_m=1e-3 * np.linalg.norm(c.position_m, axis=1)[:, None]),
+        lambda c: from_first(c, 1e-3),
+        lambda c: from_first(c, 1.0 / 25.4),
     ],
     "distance_zero": [
         lambda c: damaged(c, distance_m=np.linalg.norm(c.position_m - c.position_m[0] + 1.0, axis=1)[:, None] - 0.3),
+        lambda c: from_first(c, short_m=0.02),
     ],
     "time_shuffled": [changed("time", np.random.default_rng(0).permutation)],
     "noise_too_small": [quieter],
