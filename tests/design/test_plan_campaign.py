@@ -34,7 +34,7 @@ def test_one_drive_alone_is_planned_and_drawn(tmp_path):
     assert [p.name for p in plan.parameters] == ["backlash.x_slide"]
     assert plan.quality.parameter_std == pytest.approx(5e-5 * np.sqrt(1.0 / n + 1.0 / k))
     assert plot(plan).startswith(b"\x89PNG")
-    for asked, words in (((), "name others, or all"), (("geometry",), "do the same$")):
+    for asked, words in (((), "name others, or all"), (("geometry",), "frames of tracker and target$")):
         with pytest.raises(BadInputError, match=words):
             plan_campaign(Robot.load(path), PlanRequest(parameters=asked, reduce=True, candidates=60))
 
