@@ -205,7 +205,7 @@ class FrameChecks:
             message += f"joint{'s' * several}, as with encoders that wrap; add or subtract whole turns"
         elif beyond[rows].any(axis=1).all():
             names, far = self._over(rows)
-            message += f": beyond the joint limits is {far}"
+            message += f" (beyond the joint limits: {far})"
             remedy = _LIMITS
         figures, code = {"rows": float(rows.size)}, FlagCode.UNREACHABLE_DRIVES
         self.flags.append(flagged(self.campaign, code, message, rows, names, figures, remedy=remedy))

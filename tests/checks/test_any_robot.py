@@ -398,7 +398,7 @@ def test_drives_beyond_their_limits_are_reported_with_the_excess(machine):
     far[[4, 9], 2] = machine.drawing.mechanism.joint_limits()["joint3"][1] + np.array([0.1, 0.2])
     flag, *_ = check_campaign(damaged(machine.campaign, drives=far), machine.drawing)
     assert (flag.code, flag.columns) == ("unreachable_drives", ("q3_rad",))
-    assert flag.message.endswith("lines 6, 11: beyond the joint limits is 'q3_rad' by up to 11.5 deg")
+    assert flag.message.endswith("lines 6, 11 (beyond the joint limits: 'q3_rad' by up to 11.5 deg)")
     assert "correct the limits in the URDF" in flag.remedy
 
 

@@ -373,7 +373,7 @@ def test_lines_of_gross_errors_are_those_of_the_file(tmp_path):
     diagnosis = diagnose(Campaign.read(data.path))
     assert diagnosis_metrics(diagnosis, "m")["rows"]["left_out_lines"] == [30, 41, 62]
     assert "left out as gross errors: line 30" in note_lines(diagnosis)
-    assert any("values of line 41: beyond the joint limits is 'q1_mm' by up" in line for line in note_lines(diagnosis))
+    assert any("values of line 41 (beyond the joint limits: 'q1_mm' by up" in line for line in note_lines(diagnosis))
 
 
 @pytest.mark.parametrize(
