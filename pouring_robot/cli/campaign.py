@@ -101,7 +101,7 @@ def _print_expected(figures: dict[str, Any], tip: str) -> None:
     sides = ", ".join(f"{axis} {value:.3f}" for axis, value in ladle["rms_by_axis_mm"].items())
     at = " ".join(f"{name} {value:z.1f}" for name, value in ladle["worst_at"].items())
     options.say(
-        f"{tip}, seen by the tracker: known to {ladle['rms_mm']:.4f} mm and {ladle['rms_mrad']:.4f} mrad RMS "
+        f"{tip}, seen by the tracker: standard deviation {ladle['rms_mm']:.4f} mm and {ladle['rms_mrad']:.4f} mrad RMS "
         f"over the workspace ({sides} mm), {ladle['worst_mm']:.4f} mm at worst, at {at}",
         style="bold",
     )

@@ -116,7 +116,7 @@ class MeasurementPlan(Result):
         """How many poses and measurements, and how well the pouring lip will then be known."""
         return (
             f"{self.request.poses} poses, {len(self.poses)} measurements, criterion {self.request.criterion}: "
-            f"{self.robot.tool_words[1]} is then known to {self.quality.ladle_rms_m / MM:.3f} mm RMS, "
+            f"standard deviation of {self.robot.tool_words[1]} {self.quality.ladle_rms_m / MM:.3f} mm RMS, "
             f"{self.quality.ladle_worst_m / MM:.3f} mm at worst"
         )
 

@@ -135,8 +135,8 @@ class SensitivityReport(Result):
         asked = "" if self.poses == self.request.poses else f" of {self.request.poses}"  # the others are out of reach
         return (
             f"{self.robot}, {self.poses}{asked} poses: {over} of {len(self.parameters)} errors move '{self.frame}' by "
-            f"more than {self.request.limit_m / MM:g} mm in a coordinate; {first['parameter']} most, "
-            f"a distance of {first['largest_mm']:.3f} mm, mainly in {first['main_direction']}"
+            f"more than {self.request.limit_m / MM:g} mm in a coordinate; strongest: {first['parameter']}, "
+            f"{first['largest_mm']:.3f} mm, mainly in {first['main_direction']}"
         )
 
     def _table(self) -> Any:
