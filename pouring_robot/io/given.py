@@ -28,7 +28,7 @@ class Options:
             value, kinds = getattr(self, name), _kinds(hint)
             if not any(_is_a(value, kind) for kind in kinds):
                 said = " or ".join(_SAID.get(kind) or str(getattr(kind, "__name__", repr(kind))) for kind in kinds)
-                raise BadInputError(f"{name} of {type(self).__name__} is {said}, not {value!r}")
+                raise BadInputError(f"{name} of {type(self).__name__} must be {said}, not {value!r}")
 
 
 _SAID = {bool: "True or False", int: "a whole number", float: "a number", str: "a text", NoneType: "None"}

@@ -60,9 +60,11 @@ def test_meaningless_values_are_refused(kind, given):
 def test_a_refused_value_is_reported_with_the_allowed_ones():
     with pytest.raises(BadInputError, match=r"^loss of FitOptions is 'huber' or 'soft_l1' or 'linear', not 'hubber'$"):
         FitOptions(loss="hubber")
-    with pytest.raises(BadInputError, match=r"^choose of CalibrationOptions is True or False, not 'no'$"):
+    with pytest.raises(BadInputError, match=r"^choose of CalibrationOptions must be True or False, not 'no'$"):
         CalibrationOptions(choose="no")
-    with pytest.raises(BadInputError, match=r"^threads of CalibrationOptions is a whole number or None, not True$"):
+    with pytest.raises(
+        BadInputError, match=r"^threads of CalibrationOptions must be a whole number or None, not True$"
+    ):
         CalibrationOptions(threads=True)
     assert FitOptions(curvature=np.True_, max_evaluations=np.int64(9)).curvature
 

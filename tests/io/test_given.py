@@ -37,8 +37,8 @@ def test_options_of_a_diagnosis_take_numbers_of_numpy():
     for wrong, said in (
         ({"false_names": 1.0}, "a share between 0 and 1"),
         ({"false_names": np.nan}, "a share between 0 and 1"),
-        ({"false_names": "0.05"}, "false_names of DiagnosisOptions is a number, not '0.05'"),
-        ({"next_count": True}, "next_count of DiagnosisOptions is a whole number, not True"),
+        ({"false_names": "0.05"}, "false_names of DiagnosisOptions must be a number, not '0.05'"),
+        ({"next_count": True}, "next_count of DiagnosisOptions must be a whole number, not True"),
     ):
         with pytest.raises(BadInputError, match=said):
             DiagnosisOptions(**wrong)

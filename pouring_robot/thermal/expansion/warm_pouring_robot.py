@@ -161,7 +161,7 @@ class HeatedRobot:
     ) -> None:
         if not isinstance(robot, PouringRobot):
             raise BadInputError(
-                f"only a PouringRobot is heated by its melt, and this is a {type(robot).__name__}; any robot is "
+                f"only a PouringRobot is heated by its melt, but this is a {type(robot).__name__}; any robot is "
                 "compensated by compensate_drives(robot, robot.location_at(drives))"
             )
         if isinstance(robot, WarmRobot):
