@@ -58,7 +58,9 @@ def test_meaningless_values_are_refused(kind, given):
 
 
 def test_a_refused_value_is_reported_with_the_allowed_ones():
-    with pytest.raises(BadInputError, match=r"^loss of FitOptions must be 'huber' or 'soft_l1' or 'linear', not 'hubber'$"):
+    with pytest.raises(
+        BadInputError, match=r"^loss of FitOptions must be 'huber' or 'soft_l1' or 'linear', not 'hubber'$"
+    ):
         FitOptions(loss="hubber")
     with pytest.raises(BadInputError, match=r"^choose of CalibrationOptions must be True or False, not 'no'$"):
         CalibrationOptions(choose="no")
