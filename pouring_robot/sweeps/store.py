@@ -74,7 +74,9 @@ class SweepStore:
             self._refuse_other()
         else:
             for report in (name for name in REPORTS if (self.folder / name).exists()):
-                raise SweepStoreError(self.folder, f"holds {report} of another sweep; use another folder or {_OVERWRITE}")
+                raise SweepStoreError(
+                    self.folder, f"holds {report} of another sweep; use another folder or {_OVERWRITE}"
+                )
             with writing(self.folder):
                 self._made = self._make()
             self._group = open_group(self.path)

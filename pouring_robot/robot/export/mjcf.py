@@ -143,10 +143,8 @@ def _fill(element: Any, body: Body, assembly: Assembly) -> None:
         m = body.inertia.inertia
         least, middle, most = np.linalg.eigvalsh(m)
         if m.any() and not (least > 0.0 and most <= (least + middle) * (1.0 + _ROUND_OFF)):
-            values = f"{least:.3g}, {middle:.3g}, {most:.3g} kg m²"
-            problem = (
-                f"link {body.name}: principal moments of inertia {values} are physically impossible, which MuJoCo refuses"
-            )
+            values = f"principal moments of inertia {least:.3g}, {middle:.3g}, {most:.3g} kg m²"
+            problem = f"link {body.name}: {values} are physically impossible, which MuJoCo refuses"
             raise DescriptionError("URDF", f"{problem}; give positive ones, each at most the sum of the others")
         moments = {"fullinertia": text((m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))}
         if not m.any():  # MuJoCo accepts a point mass that does not move by itself in this form
