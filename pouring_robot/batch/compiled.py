@@ -195,7 +195,7 @@ class CompiledEngine(Engine):
             if parameter.joint not in drive_names:
                 raise UnknownJointError(parameter.joint, drive_names)
             if drives[drive_names.index(parameter.joint)] >= 0:
-                raise BadInputError(f"parameter '{parameter.name}' stands twice")
+                raise BadInputError(f"parameter '{parameter.name}' occurs twice")
             drives[drive_names.index(parameter.joint)] = p
         order = np.argsort(sites, kind="stable")
         start = np.searchsorted(sites[order], np.arange(structure.site_count + 1))

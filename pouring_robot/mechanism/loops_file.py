@@ -97,7 +97,7 @@ class LoopsFile(StrictModel):
         for what, names in (("loop", self.names), ("drive", self.drives), ("cut joint", self.cut_joints)):
             twice = {name for name in names if names.count(name) > 1}
             if twice:
-                raise ValueError(f"{what} '{min(twice)}' stands twice")
+                raise ValueError(f"{what} '{min(twice)}' occurs twice")
         changed = set(self.joint_types) & {*self.drives, *self.cut_joints}
         if changed:
             raise ValueError(f"joint '{min(changed)}' is driven or cut, so joint_types cannot change it")

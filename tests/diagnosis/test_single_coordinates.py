@@ -46,7 +46,7 @@ def test_the_tool_is_known_in_the_base_where_a_coordinate_was_not_measured(campa
     assert main(["calibrate", campaign(lambda row: 2), "--robot", ROBOT, "--out", str(tmp_path / "c")]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert UNSEEN in said
-    assert "in the robot's own base, for the data hardly tell where device" in said
+    assert "in the robot's base, as the data hardly determine where device" in said
     ladle = json.loads((tmp_path / "c" / "calibration.json").read_text(encoding="utf-8"))["ladle"]
     assert ladle["axes"] == "base"
     assert ladle["half_width95_mm"]["largest"] < 20.0

@@ -88,12 +88,12 @@ def test_gepetto_dialect_mistakes(written, text, words):
     ("change", "words"),
     [
         (("drives: [left, right]", "drives: []"), "drives"),
-        (("drives: [left, right]", "drives: [left, left]"), "drive 'left' stands twice"),
+        (("drives: [left, right]", "drives: [left, left]"), "drive 'left' occurs twice"),
         (("drives: [left, right]\n", ""), "key 'drives' is missing"),
         (("frame_b: b_tip", "frame_c: b_tip"), "frame_b"),
         (("type: 3d", "type: 2d"), "loops.0.type"),
         (("mechanism: five-bar", "mechanisms: five-bar"), "did you mean 'mechanism'"),
-        (("mechanism: five-bar", "cut_joints: [a, a]"), "cut joint 'a' stands twice"),
+        (("mechanism: five-bar", "cut_joints: [a, a]"), "cut joint 'a' occurs twice"),
         (
             (
                 "mechanism: five-bar",
@@ -139,7 +139,7 @@ def test_the_reported_frames_are_those_of_the_file(drawing):
 
 def test_a_loop_name_occurs_once():
     twice = {"frame_a": "a", "frame_b": "b", "name": "tips"}
-    with pytest.raises(BadInputError, match="loop 'tips' stands twice"):
+    with pytest.raises(BadInputError, match="loop 'tips' occurs twice"):
         LoopsFile(drives=("m",), loops=(twice, twice))
 
 
