@@ -111,11 +111,15 @@ def all_effects(robot: AnyRobot = None) -> dict[str, Effect]:
 
 
 def failed_effect(problem: BaseException) -> str:
-    """Return which effect of another package an error was raised in, and where, in words; "" if in none."""
-    files = {getattr(sys.modules.get(e.module), "__file__", ""): e.name for e in _offered(entry_points, _places())}
+    """Return which effect of another package an error was raised in, and where, in words; "" if in none.
+
+    Of several in one file it may be any.
+    """
+    offered = _offered(entry_points, _places())
     for frame in reversed(traceback.extract_tb(problem.__traceback__)):
-        if frame.filename in files:
-            return f"the effect '{files[frame.filename]}' ({frame.filename}, line {frame.lineno})"
+        here = [e for e in offered if getattr(sys.modules.get(e.module), "__file__", None) == frame.filename]
+        if names := " or ".join(f"'{entry.name}'" for entry in here):
+            return f"the effect {names} ({frame.filename}, line {frame.lineno})"
     return ""
 
 

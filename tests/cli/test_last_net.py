@@ -93,6 +93,10 @@ class Failing(Effect):
 
     def forms(self, conditions):
         return ()
+
+
+class Twin(Failing):
+    id = "twin"
 """
 
 
@@ -100,12 +104,13 @@ class Failing(Effect):
     ("how", "said"), [("raise KeyError('q7')", "KeyError: 'q7'"), ("raise SystemExit", "SystemExit")]
 )
 def test_an_effect_of_a_package_is_named_where_it_fails(run, monkeypatch, tmp_path, how, said):
-    folder = installed(tmp_path / "site", "failing", FAILING.format(how=how), {"failing": "failing:Failing"})
+    entries = {"failing": "failing:Failing", "twin": "failing:Twin"}  # which of one file it was is not known
+    folder = installed(tmp_path / "site", "failing", FAILING.format(how=how), entries)
     monkeypatch.syspath_prepend(folder)
     assert run("campaign", "simulate", "--random", "30", "--out", "measured.csv")[0] == 0
     code, _, err = run("diagnose", "measured.csv", "--out", "found")
     sys.modules.pop("failing", None)
     assert (code, err.splitlines()[-1].count("'failing'")) == (2, 1), err
     assert f"{folder / 'failing.py'}, line 9" in err
-    assert said in err
+    assert said in err and "the effect 'failing' or 'twin' (" in err
     assert not (tmp_path / "found").exists()
