@@ -215,24 +215,23 @@ def mistaken_distances(campaign: Campaign, poses: PoseStack) -> Iterator[DataFla
     """
     if campaign.distance_m is None:
         return
-    start = campaign.distance_start
-    usable = poses.complete & (campaign.distance_m[:, 0] > 0.0)
+    distance, start = campaign.distance_m[:, 0], campaign.distance_start
+    usable = poses.complete & (distance > 0.0)
     fixed, between = (np.flatnonzero(usable & one) for one in (start == -1, (start >= 0) & poses.complete[start]))
     place, turned = poses.position_m[fixed], poses.rotation[fixed]
-    told = [np.ones((fixed.size, 1)), place, np.einsum("nij,ni->nj", turned, place), turned.reshape(-1, 9)]
-    yield from _mistaken(campaign, fixed, place, np.hstack(told))
+    others = [np.ones((fixed.size, 1)), place, np.einsum("nij,ni->nj", turned, place), turned.reshape(-1, 9)]
+    yield from _mistaken(campaign, distance[fixed], place, np.hstack(others))
     place, turned = (all_[between] - all_[start[between]] for all_ in (poses.position_m, poses.rotation))
-    told = [np.einsum("nij,ni->nj", turned, place), np.einsum("nij,nik->njk", turned, turned).reshape(-1, 9)]
-    yield from _mistaken(campaign, between, place, np.hstack(told))
+    others = [np.einsum("nij,ni->nj", turned, place), np.einsum("nij,nik->njk", turned, turned).reshape(-1, 9)]
+    yield from _mistaken(campaign, distance[between], place, np.hstack(others))
 
 
-def _mistaken(campaign: Campaign, rows: Indices, place: FloatArray, others: FloatArray) -> Iterator[DataFlag]:
-    """Find it of rows whose squares are those of places (n, 3) and what unknown places make of others (n, k)."""
+def _mistaken(campaign: Campaign, read: FloatArray, place: FloatArray, others: FloatArray) -> Iterator[DataFlag]:
+    """Find it in distances (n,): their squares are those of places (n, 3) plus a combination of others (n, k)."""
     axes, sizes, _ = np.linalg.svd(others, full_matrices=False)
     axes = axes[:, sizes > 1e-9 * sizes.max(initial=0.0)]
-    if rows.size < 2 * axes.shape[1] or not rows.size or campaign.distance_m is None:
+    if read.size < 2 * axes.shape[1] or not read.size:
         return
-    read = campaign.distance_m[rows, 0]
     terms = np.column_stack([np.square(place).sum(axis=1), np.square(read), read])
     drawn, measured, once = (terms - axes @ (axes.T @ terms)).T
     heading, quantities = campaign.heading(columns.DISTANCE), [columns.DISTANCE]
