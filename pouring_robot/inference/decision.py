@@ -139,10 +139,11 @@ def judge(
 
     causes, minor = _causes(hypothesis, thresholds, varied, rest)
     challenges = tuple(discrepancy.challenge(cause.indices) for cause in causes)
+    structures, tried = tuple(discrepancy.structures()), len(discrepancy)
     found = Judgement(
-        "unknown", causes, tuple(discrepancy.structures()), challenges, (), len(discrepancy), thresholds, minor
+        "unknown", causes, structures, challenges, (), tried, thresholds, minor, larger_noise=larger_noise
     )
-    found, given = replace(found, larger_noise=larger_noise), discrepancy
+    given = discrepancy
     if noise_known and not found.scatters and (found.clear_structures or found.beaten):
         one = np.zeros(len(hypothesis.problem.residual), dtype=np.intp)
         found, given = _as_noise(discrepancy, found, one if kind is None else kind)
