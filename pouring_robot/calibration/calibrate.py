@@ -1,4 +1,4 @@
-"""From a campaign to a calibrated robot: check, split, choose, fit, test on held-out rows."""
+"""From a campaign to a calibrated robot: check, split, choose, fit, test on held-out rows, fit to all rows."""
 
 import functools
 from collections.abc import Sequence
@@ -129,13 +129,16 @@ def calibrate(
     if refused:
         selection, answer = replace(selection, groups=()), present
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
-    base, rank_anywhere = task.identifiable(answer)
-    dropped = task.dropped(answer, [group for group in candidates if group not in selection.groups])
-    ladle, ladle_measured = task.ladle(answer, dropped)
+    # What held-out rows have tested is delivered as all rows determine it.
+    whole = replace(task, with_held_out=True)
+    final = whole.fitted(selection.groups)
+    base, rank_anywhere = whole.identifiable(final)
+    dropped = whole.dropped(final, [group for group in candidates if group not in selection.groups])
+    ladle, ladle_measured = whole.ladle(final, dropped)
     return Calibration(
         campaign=campaign,
         present=model,
-        calibrated=answer.rows.model.amended(answer.fit.unknowns.parameters),
+        calibrated=final.rows.model.amended(final.fit.unknowns.parameters),
         flags=(*flags, *outlier_flags(campaign, wrong, task.off(wrong))),
         left_out=left_out,
         split=parts,
@@ -144,8 +147,8 @@ def calibrate(
         selection=selection,
         refused=refused,
         untold=untold,
-        fit=answer.fit,
-        unknown_units=answer.rows.model.units,
+        fit=final.fit,
+        unknown_units=final.rows.model.units,
         before=present.left,
         after=answer.left,
         base=base,
@@ -176,6 +179,12 @@ class _Task:
     tolerances: Tolerances
     options: FitOptions
     noise: NoiseLevel
+    with_held_out: bool = False  # whether held-out rows are fitted, too
+
+    @property
+    def fitted_rows(self) -> Indices:
+        """The rows that are fitted, ascending."""
+        return self.parts.rows if self.with_held_out else self.parts.train
 
     @functools.cached_property
     def every(self) -> MeasuredPoses:
@@ -188,16 +197,16 @@ class _Task:
         return self.every.without(self.left_out)
 
     @functools.cached_property
-    def training(self) -> tuple[Indices, MeasuredPoses]:
+    def fit_data(self) -> tuple[Indices, MeasuredPoses]:
         """The rows that are fitted, and what was measured in them."""
-        return self.measured.among(self.parts.train)
+        return self.measured.among(self.fitted_rows)
 
     def _begun(self, rows: ModelledRows) -> tuple[ModelledRows, MeasuredPoses, Unknowns, FloatArray]:
-        """Return what a fit starts from: training rows, what was measured in them, unknowns and their priors."""
-        used, seen = self.training
-        train = rows[used]
+        """Return what a fit starts from: fitted rows, what was measured in them, unknowns and their priors."""
+        used, seen = self.fit_data
+        fitted = rows[used]
         prior_std = rows.model.prior_std(self.tolerances, framed=self.measured.framed)
-        return train, seen, first_frames(train, seen), prior_std
+        return fitted, seen, first_frames(fitted, seen), prior_std
 
     def with_noise_settled(self, progress: Progress) -> Self:
         """Return the task with unstated noise taken from the residuals of a fit of all candidates."""
@@ -254,7 +263,7 @@ class _Task:
         return np.asarray(np.nan_to_num(np.abs(left) / self.every.sigma).max(axis=1))
 
     def fitted(self, groups: Sequence[ParameterGroup]) -> _Answer:
-        """Fit groups to the training rows."""
+        """Fit groups to the rows that are fitted."""
         chosen = self.rows.with_parameters(all_parameters(groups))
         fit = identify(*self._begun(chosen), replace(self.options, curvature=True))
         fit = replace(fit, noise=self.noise, stretches=self._stretches)
@@ -262,13 +271,13 @@ class _Task:
 
     @functools.cached_property
     def _stretches(self) -> tuple[Indices, ...]:
-        """Stretches of time among the training rows, by index in these, which the jackknife leaves out in turn."""
-        aside = np.setdiff1d(np.arange(len(self.campaign)), self.parts.train)
+        """Stretches of time among the fitted rows, by index in these, which the jackknife leaves out in turn."""
+        aside = np.setdiff1d(np.arange(len(self.campaign)), self.fitted_rows)
         stretches = [*blocks(self.campaign, "time", aside).values()]
         if self.rows.model.sessions:  # a part of each: without a whole session its frame would be unknown
             apart = (np.array_split(own, BLOCKS) for own in blocks(self.campaign, "session", aside).values())
             stretches = [np.concatenate(some) for some in zip(*apart, strict=True)]
-        return tuple(np.flatnonzero(np.isin(self.training[0], stretch)) for stretch in stretches)
+        return tuple(np.flatnonzero(np.isin(self.fit_data[0], stretch)) for stretch in stretches)
 
     def refusal(self, selection: Selection, present: _Answer, answer: _Answer) -> Refusal | None:
         """Return why groups that were chosen are not kept; None where the held-out rows accept them."""
@@ -280,8 +289,8 @@ class _Task:
         return Refusal(names, Misfit.of(present.left[test]), Misfit.of(answer.left[test]))
 
     def identifiable(self, answer: _Answer) -> tuple[BaseParameters, int]:
-        """Return what the training rows determine of the groups, and the rank with all the workspace measured, too."""
-        used, seen = self.training
+        """Return what the fitted rows determine of the groups, and the rank with all the workspace measured, too."""
+        used, seen = self.fit_data
         model, unknowns = answer.rows.model, answer.fit.unknowns
         start = unknowns.at(np.zeros_like(unknowns.values))
         shown = -whiten(seen, answer.rows[used].linearise(start)).derivatives
@@ -301,12 +310,12 @@ class _Task:
     def dropped(self, answer: _Answer, groups: Sequence[ParameterGroup]) -> UnfittedParameters:
         """Return how the groups that an answer lacks affect it."""
         return UnfittedParameters.beside(
-            answer.fit, answer.rows, self.training, all_parameters(groups), self.tolerances
+            answer.fit, answer.rows, self.fit_data, all_parameters(groups), self.tolerances
         )
 
     def ladle(self, answer: _Answer, dropped: UnfittedParameters) -> tuple[LadleUncertainty, LadleUncertainty]:
-        """Return how well the ladle is known anywhere, and in the training rows."""
-        position, rotation = (instrument[self.parts.train].known for instrument in self.measured.instruments[:2])
+        """Return how well the ladle is known anywhere, and in the fitted rows."""
+        position, rotation = (instrument[self.fitted_rows].known for instrument in self.measured.instruments[:2])
         known = functools.partial(
             ladle_uncertainty,
             unknowns=dropped.unknowns,
@@ -315,7 +324,7 @@ class _Task:
             located=bool(position.any(axis=0).all()),
             turned=bool(rotation.any()),
         )
-        return known(self._anywhere(dropped.rows)), known(dropped.rows[self.training[0]])
+        return known(self._anywhere(dropped.rows)), known(dropped.rows[self.fit_data[0]])
 
 
 def _under_effects(rows: ModelledRows, campaign: Campaign) -> tuple[ModelledRows, tuple[str, ...]]:

@@ -49,18 +49,18 @@ class CalibrationFindings(Result):
     selection: Selection  # the groups kept and what was tried
     refused: Refusal | None  # what was chosen, but made held-out rows worse and is not kept; None: nothing
     untold: tuple[str, ...]  # effects of the model not learned where some rows are, taken as zero there; a line each
-    fit: Fit  # the answer, to all training rows with the groups kept; its covariance is at the noise level as given
+    fit: Fit  # the answer, to all rows not left out, held-out ones too; its covariance is at the noise level as given
     unknown_units: tuple[str, ...]  # unit of each unknown, frames first; ``base`` has their names
     # measured minus predicted by the present robot with its frames fitted to the training rows; all rows, shape (n, K),
-    # in m and rad, tracker axes; NaN where missing. ``after`` by the calibrated robot.
+    # in m and rad, tracker axes; NaN where missing. ``after`` by the robot with the groups fitted to the training rows.
     before: FloatArray
     after: FloatArray
-    base: BaseParameters  # what the training rows determine of the groups kept, at the present robot
+    base: BaseParameters  # what all these rows determine of the groups kept, at the present robot
     rank_anywhere: int  # its rank if poses all over the workspace were also measured, in the same way
     # how far unknowns move in place of p dropped parameters, by what these may be off, (12 + P, p), in m and rad
     in_place_of_dropped: FloatArray
     ladle: LadleUncertainty  # over the workspace
-    ladle_measured: LadleUncertainty  # in the training rows
+    ladle_measured: LadleUncertainty  # in all these rows
     performance: PosePerformance | None  # ISO 9283-style figures; None without repeats
 
     @property

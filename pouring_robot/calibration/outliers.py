@@ -31,7 +31,7 @@ def outlying_rows(
     are tested only if it predicts most of them: otherwise something unknown is present there. ``gone`` is how many rows
     were found before.
     """
-    kept = np.sort(np.concatenate([parts.train, parts.test]))
+    kept = parts.rows
     held_out = np.isin(kept, parts.test)
     time = campaign.time_s if campaign.time_s is not None else np.arange(len(campaign), dtype=float)
     known = time[kept] if np.isfinite(time[kept]).all() else kept.astype(float)

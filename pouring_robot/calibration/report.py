@@ -160,8 +160,9 @@ def split_line(calibration: CalibrationFindings) -> str:
     split, left_out = calibration.split, calibration.left_out
     lines = f" ({where(calibration.campaign, left_out)})" if left_out.size else ""
     return (
-        f"held out for the final test: {split.test_name} ({split.test.size} rows); fitted: "
-        f"{split.train.size} rows in {len(split.folds)} blocks; left out: {counted(left_out.size, 'row')}{lines}"
+        f"held out for the test: {split.test_name} ({split.test.size} rows) from {split.train.size} rows in "
+        f"{len(split.folds)} blocks; fitted in the end: all {split.rows.size}; left out: "
+        f"{counted(left_out.size, 'row')}{lines}"
     )
 
 

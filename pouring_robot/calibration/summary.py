@@ -225,7 +225,7 @@ def _base(calibration: CalibrationFindings) -> Figures:
             {"members": list(g.members), "identifiable": list(g.texts()), "hidden_directions": g.hidden}
             for g in base.groups
         ],
-        "observability": observability(base.singular[: base.rank], int(calibration.split.train.size)),
+        "observability": observability(base.singular[: base.rank], calibration.split.rows.size),
     }
 
 

@@ -30,16 +30,16 @@ class UnfittedParameters:
         cls,
         fit: Fit,
         rows: ModelledRows,
-        training: tuple[Indices, MeasuredPoses],
+        fit_data: tuple[Indices, MeasuredPoses],
         parameters: Sequence[GeometricParameter],
         tolerances: Tolerances,
     ) -> UnfittedParameters:
-        """Return it for a fit, all rows, the training rows with what was measured in them, and what was dropped.
+        """Return it for a fit, all rows, the fitted rows with what was measured in them, and what was dropped.
 
         By linear least squares about the fit: what was kept moves in their place. Where it cannot, rows that are
         explained without them have shown how large they are, so that less than the tolerances counts there.
         """
-        used, seen = training
+        used, seen = fit_data
         first = FRAMES + len(rows.model.parameters)
         rows = rows.with_parameters((*rows.model.parameters, *parameters))
         theirs = np.arange(first, first + len(parameters))

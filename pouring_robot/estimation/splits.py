@@ -39,7 +39,7 @@ class Split:
     """Which rows are used for what."""
 
     kind: BlockKind  # how rows are grouped
-    test: Indices  # rows of the test block: no fit and no choice uses them; they may refuse a calibration as a whole
+    test: Indices  # rows of the test block: no choice uses them; they may refuse a calibration as a whole
     test_name: str  # the block's name
     folds: tuple[Indices, ...]  # blocks of the other rows; each may validate fits to others
     told: tuple[FloatArray, ...]  # information of each fold on the outer frames: inner products of columns, (k, k)
@@ -48,6 +48,11 @@ class Split:
     def train(self) -> Indices:
         """All rows but the test block, ascending."""
         return np.sort(np.concatenate(self.folds))
+
+    @property
+    def rows(self) -> Indices:
+        """All rows, the test block included, ascending."""
+        return np.union1d(self.train, self.test)
 
     @property
     def validations(self) -> tuple[tuple[Indices, Indices], ...]:
