@@ -69,7 +69,7 @@ def _found(diagnosis: Findings) -> FoundByKey:
     Values are those with which its loops were closed. A parameter that was dropped at the last settling, as too small
     to matter, is still in it; its standard deviation is that of its prior.
     """
-    left, found = diagnosis.after.by_parameter, FoundByKey()
+    left, found = diagnosis.final.state.by_parameter, FoundByKey()
     for key, parameters in diagnosis.parameters:
         own = (replace(p, value=left[p.parameter].pop(0)) for p in parameters if left.get(p.parameter))
         found.append((key, tuple(own)))

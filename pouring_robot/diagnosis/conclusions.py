@@ -36,7 +36,7 @@ class Conclusions(Findings):
         Loops are closed exactly with everything found, and again without the effect's parameters. It is for display,
         not for decisions: a constant part counts here, though the frames absorb it in the campaign.
         """
-        rows, after = self.rows, self.after
+        rows, after = self.rows, self.final.state
         frames = OuterFrames(pin.SE3.Identity(), self.model.definition.mechanism().T_end_tool)
 
         def tool(without: Sequence[FoundParameter]) -> FloatArray:

@@ -17,7 +17,7 @@ from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import FEW_ROWS, DataFlag, FlagCode, usable_without, where
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.cross_validation import CrossValidatedGap, few, held_out_in_turn
-from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState
+from pouring_robot.diagnosis.diagnoser import Answer, Diagnoser, LinearState
 from pouring_robot.diagnosis.disagreement import free_residuals, where_of
 from pouring_robot.diagnosis.discrepancy_processes import processes_of, varied
 from pouring_robot.diagnosis.gap import Gap, table_of
@@ -289,8 +289,11 @@ class _Work:
         subset, diagnoser = found.asked, found.diagnoser
         rows, fitted = diagnoser.rows, diagnoser.fitted
         unknown = judgement.verdict == "unknown" and bool(judgement.causes)
-        covariances = diagnoser.covariances(hypothesis, after, unexplained=unknown)
-        parameters = diagnoser.parameters_of(hypothesis, covariances)
+        whole, final, best = diagnoser, after, hypothesis
+        if judgement.causes and not fitted.all():
+            whole, final, best = diagnoser.fitted_to_all(after, hypothesis)
+        covariances = whole.covariances(best, final, unexplained=unknown)
+        parameters = whole.parameters_of(best, covariances)
         given, sigma = rows.conditions, rows.measured.sigma
         given_rows, amended_rows = before.every_row.alone, after.every_row.alone
         gaps = [Gap.between(given_rows, amended_rows, part, sigma) for part in (fitted, ~fitted) if part.any()]
@@ -308,6 +311,7 @@ class _Work:
             before=before.alone,
             after=after.alone,
             hypothesis=hypothesis,
+            final=Answer(whole, final.alone, best),
             judgement=judgement,
             misfit=misfit,
             covariances=covariances,

@@ -1,5 +1,7 @@
 """The search of a diagnosis: what is found is put into the robot, which is linearised again until convergence."""
 
+from __future__ import annotations
+
 import functools
 import math
 from collections.abc import Callable, Sequence
@@ -81,6 +83,19 @@ class LinearState(State):
     def alone(self) -> State:
         """The same state without derivatives."""
         return State(self.parameters, self.values, self.frames, self.every_row.alone, self.fitted)
+
+
+class Answer(NamedTuple):
+    """What was found, with the rows that it is fitted to."""
+
+    diagnoser: Diagnoser  # of these rows
+    state: State  # what was found is put in
+    hypothesis: Hypothesis  # of the problem there
+
+    @property
+    def units(self) -> dict[tuple[str, str], FloatArray]:
+        """Matrix from the coefficients to the parameters of each form, (p, k), in their units."""
+        return self.diagnoser.units(self.hypothesis)
 
 
 class _Followed(NamedTuple):
@@ -197,11 +212,25 @@ class Diagnoser:
 
     def settled(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis]:
         """Put in what a hypothesis found until values, scales and frames converge, with its items kept."""
+        state, hypothesis = self._converged(state, hypothesis)
+        return state, hypothesis.on(self.problem_at(state))
+
+    def _converged(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis]:
+        """Do the same without all other effects."""
         for _ in range(_MOST_STEPS):
             state, hypothesis, moved = self._stepped(state, hypothesis)
             if not _EXACT <= moved < math.inf:
                 break
-        return state, hypothesis.on(self.problem_at(state))
+        return state, hypothesis
+
+    def fitted_to_all(self, state: LinearState, hypothesis: Hypothesis) -> tuple[Diagnoser, LinearState, Hypothesis]:
+        """Return what a hypothesis found as fitted to all rows, held-out ones too, its items kept.
+
+        Its problem is without all other effects.
+        """
+        everyone = np.ones_like(self.fitted)
+        whole, state = replace(self, fitted=everyone), replace(state, fitted=everyone)
+        return whole, *whole._converged(state, self.of_every_row(state, hypothesis).settled())
 
     def _stepped(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis, float]:
         """Put in what a hypothesis found and settle it there without other effects; also return the linearity error."""

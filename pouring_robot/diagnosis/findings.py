@@ -8,7 +8,7 @@ import numpy as np
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.flags import DataFlag
 from pouring_robot.diagnosis.cross_validation import CrossValidatedGap
-from pouring_robot.diagnosis.diagnoser import Diagnoser, State, noise_left
+from pouring_robot.diagnosis.diagnoser import Answer, Diagnoser, State, noise_left
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows
@@ -38,13 +38,14 @@ class Findings:
     held_out_name: str  # which block is held out, in words; empty where there are too few rows to hold any out
     diagnoser: Diagnoser  # the search
     before: State  # the given model, only its frames fitted
-    after: State  # the amended model
-    hypothesis: Hypothesis  # the best explanation
+    after: State  # what was found put in, by the fitted rows; residuals are of this one
+    hypothesis: Hypothesis  # the best explanation, by the fitted rows
+    final: Answer  # what is put into the model: the same, fitted to all rows
     judgement: Judgement  # what may be said of it
     # why the answer is unknown whatever explains best: the residual is too large for noise, what was found is no
     # credible robot, or single rows of few may be wrong; "" where none applies
     misfit: str
-    covariances: tuple[FloatArray, ...]  # of all fitted coefficients; the larger counts
+    covariances: tuple[FloatArray, ...]  # of all coefficients of ``final``; the larger counts
     parameters: FoundByKey  # of everything fitted
     effects: tuple[NamedEffect, ...]  # the named effects with their parameters
     untestable: dict[str, tuple[str, ...]]  # effects that the campaign cannot test, with the conditions it lacks
@@ -127,7 +128,7 @@ class Findings:
 
     def units_of(self, effect: NamedEffect) -> FloatArray:
         """Return the matrix from the hypothesis's coefficients to an effect's parameters, (p, k), in their units."""
-        units = self.diagnoser.units(self.hypothesis)
+        units = self.final.units
         return np.vstack([units[key] for key in effect.cause.keys(self.hypothesis)])
 
     def in_words(self, effect: NamedEffect) -> tuple[str, ...]:

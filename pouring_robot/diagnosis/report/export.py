@@ -89,7 +89,7 @@ Metrics = dict[str, Any]
 
 def diagnosis_metrics(diagnosis: Conclusions, model_file: str) -> Metrics:
     """Return ``diagnosis.json``, which includes the path of the amended model file."""
-    judgement, thresholds, frames = diagnosis.judgement, diagnosis.diagnoser.thresholds, diagnosis.after.frames
+    judgement, thresholds, frames = diagnosis.judgement, diagnosis.diagnoser.thresholds, diagnosis.final.state.frames
     known = diagnosis.diagnoser.library.effects
     content: Metrics = {
         "format": "pouring_robot/diagnosis/1",
