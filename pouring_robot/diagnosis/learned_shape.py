@@ -9,9 +9,9 @@ from pouring_robot.diagnosis.named_effects import NamedEffect
 from pouring_robot.effects.base import channel
 from pouring_robot.effects.facts import Axis, of_drives
 from pouring_robot.estimation.changes import SCALE
-from pouring_robot.estimation.intervals import largest_std
+from pouring_robot.estimation.intervals import deviations95, largest_std
 from pouring_robot.io.units import shown_in
-from pouring_robot.mechanism.arrays import FloatArray
+from pouring_robot.mechanism.arrays import FloatArray, rms
 from pouring_robot.mechanism.local_parameters import component_unit
 
 
@@ -28,7 +28,7 @@ class Shape:
 
 
 def shape_of(diagnosis: Conclusions, effect: NamedEffect) -> Shape | None:
-    """Return the shape of what an effect moves most; None where it is the textbook's up to chance."""
+    """Return the shape of what an effect moves most; None where the textbook's is within its 95 % band, RMS."""
     parameters = [found.parameter for found in effect.parameters]
     if all(p.main for p in parameters) or not effect.cause.indices:
         return None
@@ -42,7 +42,7 @@ def shape_of(diagnosis: Conclusions, effect: NamedEffect) -> Shape | None:
     main = np.array([p.main for p in parameters])
     std = largest_std(moves[most] @ diagnosis.units_of(effect), diagnosis.covariances)
     learned, textbook = moves[most] @ values, moves[most] @ (main * values)
-    if np.square(learned - textbook).mean() <= np.square(std).mean():
+    if rms(learned - textbook) <= deviations95(diagnosis.rows.noise.dof) * rms(std):
         return None
     unit, factor = _unit(diagnosis, most)
     axis = _driving_axis(diagnosis, effect, most)

@@ -30,7 +30,8 @@ def case(request, diagnosed, tmp_path_factory):
 def test_it_reproduces_the_residuals_of_all_rows_after_a_round_trip(case):
     found, model, _ = case
     rows = CampaignRows(found.campaign.subset(found.inliers), model, found.noise)
-    again, after = rows.linearise(rows.unchanged(), found.after.frames), found.after.every_row
+    state = found.final.state
+    again, after = rows.linearise(rows.unchanged(), state.frames), state.every_row
     np.testing.assert_array_equal(again.row, after.row)
     # 1e-6 m: the model composes placements, where the diagnosis adds twists.
     np.testing.assert_allclose(again.residual * again.sigma, after.residual * after.sigma, rtol=0.0, atol=1e-6)

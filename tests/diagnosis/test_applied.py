@@ -48,7 +48,7 @@ def _poses(data):
 def _seen(found, poses):
     """Return the target's positions seen by the tracker, (n, 3) in m, from platform poses, with the frames found."""
     shift, turn = (np.array([one[key] for one in poses]) for key in ("translation", "rotation"))
-    return found.after.frames.seen(PoseStack(shift, turn)).position_m
+    return found.final.state.frames.seen(PoseStack(shift, turn)).position_m
 
 
 def _poses_of(printed):
@@ -68,7 +68,7 @@ def test_a_path_predicts_what_was_measured_as_well_as_the_diagnosis(case, capsys
     assert main(["path", str(poses), "--model", str(file), "--json"]) == 0
     seen = _seen(found, _poses_of(capsys.readouterr().out))
     left = found.rows.campaign.position_m - seen
-    rows = found.after.every_row
+    rows = found.final.state.every_row
     own = np.full((len(left), 6), np.nan)
     own[rows.row, rows.component] = rows.residual * rows.sigma
     np.testing.assert_allclose(left, own[:, :3], atol=1e-6)

@@ -32,10 +32,11 @@ def test_the_gap_is_that_of_the_given_model_at_any_step_of_the_search(hot):
 
 def test_where_something_is_unknown_standard_deviations_come_from_leaving_out_stretches_of_time(excluded):
     """As in least squares without each stretch and with free frames: rows of equations, and one row per prior."""
-    hypothesis, diagnoser = excluded.hypothesis, excluded.diagnoser
+    diagnoser, state, hypothesis = excluded.final
+    assert diagnoser.fitted.all() and not excluded.fitted.all()
     assert excluded.verdict == "unknown" and excluded.effects
     free, weights = hypothesis.problem.nuisance.axes, np.concatenate(hypothesis.weights())
-    columns, row = np.hstack([free, hypothesis.columns * weights]), excluded.after.fitted_rows.row
+    columns, row = np.hstack([free, hypothesis.columns * weights]), state.fitted_rows.row
     priors = np.eye(columns.shape[1])[free.shape[1] :]
     answers = []
     for stretch in np.array_split(np.flatnonzero(diagnoser.fitted), 5):

@@ -55,10 +55,10 @@ def test_a_shift_without_a_rotation_is_named_as_a_moved_instrument(found):
     assert (found.verdict, [e.cause.effect for e in found.effects]) == ("named", ["session_offset"])
     assert {p.parameter.unit for p in found.effects[0].parameters} == {"mm"}
     assert found.train.position("after") < 1.2e-3 * SIGMA_MM
-    moved = np.random.default_rng(0).normal(0.0, 1.0, (4, 3))[:3]  # session d is held out
-    told = found.effects[0].parameters[:9]
-    # A mean of 15 rows against one of 45, and little more from the frames; the common part is in no interval.
-    np.testing.assert_allclose([p.std for p in told], SIGMA_MM * np.sqrt(1 / 15 - 1 / 45), rtol=0.1)
+    moved = np.random.default_rng(0).normal(0.0, 1.0, (4, 3))
+    told = found.effects[0].parameters[:12]
+    # A mean of 15 rows against one of 60, and little more from the frames; the common part is in no interval.
+    np.testing.assert_allclose([p.std for p in told], SIGMA_MM * np.sqrt(1 / 15 - 1 / 60), rtol=0.1)
     np.testing.assert_allclose([p.value for p in told], (moved - moved.mean(axis=0)).ravel(), atol=4 * told[0].std)
     said = "no other session shows what session_offset is in session d, which is held out"
     assert any(line.startswith(said) for line in note_lines(found))

@@ -56,7 +56,7 @@ def test_the_band_is_as_wide_as_the_standard_deviations_of_the_parameters(core, 
     """Twice that of a fourth of the covariance; drawn by Student's t, 2.57 deviations at five degrees of freedom."""
     found = core[1]
     (effect,) = found.firm
-    own = found.hypothesis.coefficients()[1]
+    own = found.final.hypothesis.coefficients()[1]
     wider = replace(found, covariances=(own, 4.0 * own), noise=NoiseLevel({"position": Noise(1e-4, "repeats", 5.0)}))
     std, drawn = shape_of(found, effect).std, []
     np.testing.assert_allclose(shape_of(wider, effect).std, 2.0 * std, rtol=1e-9)

@@ -406,13 +406,14 @@ def test_a_shift_at_the_lip_is_the_difference_of_two_robots(tmp_path):
     """The drive offsets found are put into a robot file, and that robot is closed one pose at a time."""
     found = diagnose(campaign(tmp_path, ZEROS, rows=40))
     (effect,) = found.effects
-    values = dict(zip(map(id, found.after.parameters), found.after.values.tolist(), strict=True))
+    state = found.final.state
+    values = dict(zip(map(id, state.parameters), state.values.tolist(), strict=True))
     names = {"l1": "leg1_s3", "l2": "leg2_s3", "l3": "leg3_s3", "theta46": "leg4_s5"}
     offsets = {}
     for p in effect.parameters:
         joint = names[p.parameter.name.split("_")[0]]
         offsets[joint] = {"offset_mrad" if joint == "leg4_s5" else "offset_mm": values[id(p.parameter)]}
-    assert len(found.after.parameters) == len(effect.parameters)
+    assert len(state.parameters) == len(effect.parameters)
     built, drawing = PouringRobot(RobotModel(drive_offsets=offsets)), PouringRobot()
     moved = found.moved[effect.cause.effect]
     lip = found.model.definition.mechanism().T_end_tool
