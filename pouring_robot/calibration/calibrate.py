@@ -130,7 +130,7 @@ def calibrate(
         selection, answer = replace(selection, groups=()), present
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
     # What held-out rows have tested is delivered as all rows determine it.
-    whole = replace(task, with_held_out=True)
+    whole = task.of_all_rows().with_noise_settled(progress)
     final = whole.fitted(selection.groups)
     base, rank_anywhere = whole.identifiable(final)
     dropped = whole.dropped(final, [group for group in candidates if group not in selection.groups])
@@ -142,7 +142,7 @@ def calibrate(
         flags=(*flags, *outlier_flags(campaign, wrong, task.off(wrong))),
         left_out=left_out,
         split=parts,
-        noise=task.noise,
+        noise=whole.noise,
         candidates=candidates,
         selection=selection,
         refused=refused,
@@ -207,6 +207,10 @@ class _Task:
         fitted = rows[used]
         prior_std = rows.model.prior_std(self.tolerances, framed=self.measured.framed)
         return fitted, seen, first_frames(fitted, seen), prior_std
+
+    def of_all_rows(self) -> Self:
+        """Return the task with held-out rows fitted, too."""
+        return replace(self, with_held_out=True, noise=noise_beforehand(self.campaign, self.parts.rows))
 
     def with_noise_settled(self, progress: Progress) -> Self:
         """Return the task with unstated noise taken from the residuals of a fit of all candidates."""
