@@ -17,7 +17,7 @@ from pouring_robot.checks.check import examine
 from pouring_robot.checks.flags import FEW_ROWS, DataFlag, FlagCode, usable_without, where
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.cross_validation import CrossValidatedGap, few, held_out_in_turn
-from pouring_robot.diagnosis.diagnoser import Answer, Diagnoser, LinearState
+from pouring_robot.diagnosis.diagnoser import Answer, Diagnoser, LinearState, State
 from pouring_robot.diagnosis.disagreement import free_residuals, where_of
 from pouring_robot.diagnosis.discrepancy_processes import processes_of, varied
 from pouring_robot.diagnosis.gap import Gap, table_of
@@ -279,10 +279,12 @@ class _Work:
                 return repeated
             # A process is clear under that noise, given what is found with it: it is no larger noise.
             concluded = self._concluded(found, before, misfit, unsettled, as_noise=False)
-        return self._believed(self._diagnosis(found, before, concluded, flags, misfit), unsettled)
+        given = before.alone
+        del before  # its derivatives take much memory, and those of a last fit are to come
+        return self._believed(self._diagnosis(found, given, concluded, flags, misfit), unsettled)
 
     def _diagnosis(
-        self, found: Searched, before: LinearState, concluded: _Concluded, flags: tuple[DataFlag, ...], misfit: str
+        self, found: Searched, before: State, concluded: _Concluded, flags: tuple[DataFlag, ...], misfit: str
     ) -> Diagnosis:
         """Put together what is known of a campaign."""
         judgement, after, hypothesis, in_turn = concluded
@@ -290,7 +292,7 @@ class _Work:
         rows, fitted = diagnoser.rows, diagnoser.fitted
         unknown = judgement.verdict == "unknown" and bool(judgement.causes)
         whole, final, best = diagnoser, after, hypothesis
-        if judgement.causes and not fitted.all():
+        if judgement.names and not fitted.all():  # beside something unknown, held-out rows confirm nothing
             whole, final, best = diagnoser.fitted_to_all(after, hypothesis)
         covariances = whole.covariances(best, final, unexplained=unknown)
         parameters = whole.parameters_of(best, covariances)
@@ -308,7 +310,7 @@ class _Work:
             fitted=fitted,
             held_out_name=subset.parts.test_name if subset.parts else "",
             diagnoser=diagnoser,
-            before=before.alone,
+            before=before,
             after=after.alone,
             hypothesis=hypothesis,
             final=Answer(whole, final.alone, best),

@@ -40,7 +40,7 @@ class Findings:
     before: State  # the given model, only its frames fitted
     after: State  # what was found put in, by the fitted rows; residuals are of this one
     hypothesis: Hypothesis  # the best explanation, by the fitted rows
-    final: Answer  # what is put into the model: the same, fitted to all rows
+    final: Answer  # what is put into the model: the same, where causes are named fitted to all rows
     judgement: Judgement  # what may be said of it
     # why the answer is unknown whatever explains best: the residual is too large for noise, what was found is no
     # credible robot, or single rows of few may be wrong; "" where none applies
