@@ -16,9 +16,9 @@ from .design.request import PlanRequest as PlanRequest
 from .diagnosis.diagnose import Diagnosis as Diagnosis
 from .diagnosis.diagnose import DiagnosisOptions as DiagnosisOptions
 from .diagnosis.diagnose import diagnose as diagnose
-from .effects.under import RobotUnderConditions as RobotUnderConditions
-from .effects.under import compensate_under as compensate_under
-from .effects.under import robots_under as robots_under
+from .effects.robots_under_conditions import RobotUnderConditions as RobotUnderConditions
+from .effects.robots_under_conditions import compensate_under as compensate_under
+from .effects.robots_under_conditions import robots_under as robots_under
 from .estimation.map_fit import FitOptions as FitOptions
 from .estimation.noise import NoiseLevel as NoiseLevel
 from .exceptions import BadInputError as BadInputError

@@ -4,7 +4,7 @@ The core takes residuals over the noise. For a noise σ the density of the data 
 :math:`\sigma^{-(n - f)}` (n rows, f free constants). Every hypothesis is weighed by that over a grid of σ, spread
 evenly in its logarithm; what varies from one exposure to the next without following anything then counts as noise.
 A search of a robot's campaign, of seconds, is run at one noise at a time, until that is what it leaves over
-(:mod:`pouring_robot.diagnosis.searched`); here a search takes milliseconds, so that every noise can be asked.
+(:mod:`pouring_robot.diagnosis.search_and_noise`); here a search takes milliseconds, so that every noise can be asked.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from pouring_robot.batch.kernels.transfer import Columns, branch_samples, transf
 from pouring_robot.batch.records import BatchClosure, BatchStart, BatchTransfer, SiteErrors, shaped
 from pouring_robot.batch.structure import ByteArray, IntArray, Star, StarStructure, fixed
 from pouring_robot.exceptions import BadInputError, UnknownJointError
-from pouring_robot.io.given import whole
+from pouring_robot.io.argument_checks import whole
 from pouring_robot.mechanism.arrays import FloatArray, lock_arrays
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.assembly_mode import Shares, jumps, largest_turn

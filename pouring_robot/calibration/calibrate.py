@@ -23,7 +23,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import usable_without, where
 from pouring_robot.effects.nominal_rows import nominal_rows
-from pouring_robot.effects.stack import changes_by_stack, rows_untold
+from pouring_robot.effects.stack_in_rows import changes_by_stack, rows_lacking_conditions
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.frames.sessions import session_parameters
@@ -42,7 +42,7 @@ from pouring_robot.estimation.residuals import MeasuredPoses, regressor, whiten
 from pouring_robot.estimation.splits import BLOCKS, HoldOut, Split, blocks, split
 from pouring_robot.exceptions import CalibrationError
 from pouring_robot.inference.gross_errors import ROUNDS
-from pouring_robot.io.given import Options, expect
+from pouring_robot.io.argument_checks import Options, expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray, Indices
@@ -105,14 +105,14 @@ def calibrate(
     campaign = seen_from_one_place(campaign, model)
     progress("checking the data", 0, 0)
     flags = tuple(check_campaign(campaign, model.definition.drawing()))
-    lost = rows_untold(model, campaign)
+    lost = rows_lacking_conditions(model, campaign)
     left_out = functools.reduce(np.union1d, lost.values(), usable_without(campaign, flags))
     parts = split(campaign, left_out, options.hold_out)
     everything = MeasurementModel(model, all_parameters(candidates), options.threads, sessions)
     rows = everything.at(campaign.drives, sessions=campaign.sessions)
-    rows, untold = _under_effects(rows, campaign) if model.conditional else (rows, ())
+    rows, not_learned = _under_effects(rows, campaign) if model.conditional else (rows, ())
     said = "left out, as effects of the model depend on {} and other rows do not determine it: {}"
-    untold += tuple(said.format(heading, where(campaign, some)) for heading, some in lost.items())
+    not_learned += tuple(said.format(heading, where(campaign, some)) for heading, some in lost.items())
     noise = noise_beforehand(campaign, parts.train)
     task = _Task(campaign, rows, parts, left_out, tolerances, options.fit, noise).with_noise_settled(progress)
     task = task.without_gross_errors(options.hold_out, progress)
@@ -146,7 +146,7 @@ def calibrate(
         candidates=candidates,
         selection=selection,
         refused=refused,
-        untold=untold,
+        not_learned=not_learned,
         fit=final.fit,
         unknown_units=final.rows.model.units,
         before=present.left,
@@ -343,5 +343,5 @@ def _under_effects(rows: ModelledRows, campaign: Campaign) -> tuple[ModelledRows
     def refusal(problem: str, mend: str) -> CalibrationError:
         return CalibrationError(f"{campaign.path}: {problem}", mend)
 
-    changes, untold = changes_by_stack(model, known, nominal, rows.model.engine.structure, refusal)
-    return rows.with_changes(changes.among(used, len(rows))), untold
+    changes, not_learned = changes_by_stack(model, known, nominal, rows.model.engine.structure, refusal)
+    return rows.with_changes(changes.among(used, len(rows))), not_learned

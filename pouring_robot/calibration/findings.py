@@ -48,7 +48,9 @@ class CalibrationFindings(Result):
     candidates: tuple[ParameterGroup, ...]  # the groups to choose from
     selection: Selection  # the groups kept and what was tried
     refused: Refusal | None  # what was chosen, but made held-out rows worse and is not kept; None: nothing
-    untold: tuple[str, ...]  # effects of the model not learned where some rows are, taken as zero there; a line each
+    not_learned: tuple[
+        str, ...
+    ]  # effects of the model not learned where some rows are, taken as zero there; a line each
     fit: Fit  # the answer, to all rows not left out, held-out ones too; its covariance is at the noise level as given
     unknown_units: tuple[str, ...]  # unit of each unknown, frames first; ``base`` has their names
     # measured minus predicted by the present robot with its frames fitted to the training rows; all rows, shape (n, K),

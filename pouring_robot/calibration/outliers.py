@@ -12,14 +12,14 @@ from pouring_robot.estimation.measurement import ModelledRows
 from pouring_robot.estimation.residuals import MeasuredPoses, whiten
 from pouring_robot.estimation.splits import Split
 from pouring_robot.inference.gaussian_processes.kernels import standardised
-from pouring_robot.inference.gross_errors import RowResiduals, calm, gross_errors
+from pouring_robot.inference.gross_errors import RowResiduals, gross_errors, near_noise
 from pouring_robot.inference.hypotheses import studentised_residual
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 
 
 def explains(fit: Fit) -> bool:
     """Return whether the residuals of a fit are noise, or little more, in most of its rows."""
-    return calm(fit.equations.residual)
+    return near_noise(fit.equations.residual)
 
 
 def outlying_rows(
@@ -43,7 +43,7 @@ def outlying_rows(
     test = whiten(seen, rows[asked].linearise(fit.unknowns))
     predicted = test.residual / np.sqrt(1.0 + ((test.derivatives @ fit.covariance) * test.derivatives).sum(axis=1))
     tested = [RowResiduals(residual, own, ~held_out)], [RowResiduals(deleted, own, ~held_out)]
-    if calm(predicted):
+    if near_noise(predicted):
         every = np.concatenate([own, np.searchsorted(kept, asked[test.rows])])
         for some in tested:
             some.append(RowResiduals(np.concatenate([some[0].left, predicted]), every, held_out))

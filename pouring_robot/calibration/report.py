@@ -31,7 +31,7 @@ from pouring_robot.io.files import check_folder, refuse_present, write_together
 from pouring_robot.io.units import MM
 from pouring_robot.report.page import Block, Heading, Lines, Paragraph, Plot, Row, Table, html_page
 from pouring_robot.robot.description.urdf import urdf_files
-from pouring_robot.robot.export.closed_robot import ClosedRobot
+from pouring_robot.robot.export.tree_at_closed_pose import ClosedRobot
 from pouring_robot.robot.model import RobotModel
 
 FIGURES, REPORT = "calibration.json", "report.html"

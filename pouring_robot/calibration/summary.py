@@ -61,7 +61,7 @@ def warnings_of(calibration: CalibrationFindings) -> list[str]:
 def notes_of(calibration: CalibrationFindings) -> list[str]:
     """Return what is in order, but must be known to read the figures; one line each."""
     if not calibration.changed:
-        return [*calibration.untold]
+        return [*calibration.not_learned]
     lines = parameter_lines(calibration)
     held = [line.name for line in lines if line.learnt < LEARNT]
     dropped = _dropped(calibration)
@@ -69,7 +69,7 @@ def notes_of(calibration: CalibrationFindings) -> list[str]:
     said = _said(
         "notes", c=calibration, held=len(held), names=some(held, 6), count=len(lines), dropped=dropped, times=times
     )
-    return [*calibration.untold, *said]
+    return [*calibration.not_learned, *said]
 
 
 def warnings_of_the_model(calibration: CalibrationFindings) -> list[str]:

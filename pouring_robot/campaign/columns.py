@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.exceptions import CampaignError
-from pouring_robot.io.quantities import Quantity, QuantityTable, read_quantities
+from pouring_robot.io.quantity_columns import Quantity, QuantityTable, read_quantities
 from pouring_robot.io.tables import Table
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.description import robot_file

@@ -24,9 +24,9 @@ from pouring_robot.campaign.metadata import (
 )
 from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.exceptions import BadInputError, CampaignError, PouringRobotError, closest, counted
+from pouring_robot.io.argument_checks import as_tuple, expect
 from pouring_robot.io.files import write_together
-from pouring_robot.io.given import as_tuple, expect
-from pouring_robot.io.quantities import Quantity, QuantityTable, first_fault
+from pouring_robot.io.quantity_columns import Quantity, QuantityTable, first_fault
 from pouring_robot.io.tables import table_of
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, finite, locked, numbers, read_only
 from pouring_robot.mechanism.closure.redundancy import redundant_drives

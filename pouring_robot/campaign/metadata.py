@@ -12,7 +12,7 @@ from pydantic import Field
 from pouring_robot.campaign.columns import MEASURED
 from pouring_robot.exceptions import CampaignError, OutputError
 from pouring_robot.io.files import CSV_SUFFIXES, PARQUET_SUFFIXES, check_ending
-from pouring_robot.io.quantities import LIMITS, Quantity
+from pouring_robot.io.quantity_columns import LIMITS, Quantity
 from pouring_robot.io.tables import csv_text
 from pouring_robot.io.temperatures import SURROUNDINGS_DEGC, ZERO_CELSIUS_K
 from pouring_robot.io.typed_yaml import Size, StrictModel, read_yaml, validate, yaml_text

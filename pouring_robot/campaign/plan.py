@@ -7,8 +7,8 @@ import numpy as np
 
 from pouring_robot.campaign import columns
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError, counted
-from pouring_robot.io.given import expect, whole
-from pouring_robot.io.quantities import Quantity, read_quantities
+from pouring_robot.io.argument_checks import expect, whole
+from pouring_robot.io.quantity_columns import Quantity, read_quantities
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.temperatures import AMBIENT_DEGC
 from pouring_robot.mechanism.arrays import FloatArray

@@ -15,8 +15,8 @@ from pouring_robot.campaign.metadata import LEAST_SIGMA, CampaignMetadata
 from pouring_robot.campaign.plan import PosePlan, refuse_redundant
 from pouring_robot.exceptions import BadInputError, CampaignError, NoSolutionError
 from pouring_robot.io import usual_noise
+from pouring_robot.io.argument_checks import Options, expect, whole
 from pouring_robot.io.figures import json_text
-from pouring_robot.io.given import Options, expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.temperatures import REFERENCE_DEGC

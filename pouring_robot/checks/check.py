@@ -1,4 +1,4 @@
-"""All checks of a campaign before any fit."""
+"""All checks of a campaign before any fit; a new one is a function of this room, called in :func:`examine`."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -15,13 +15,13 @@ from pouring_robot.checks.conditions import check_conditions
 from pouring_robot.checks.flags import DataFlag, FlagCode, Severity, undone, wrong_rows
 from pouring_robot.checks.frames import FrameChecks, in_frames_of_their_own
 from pouring_robot.checks.gross_errors import check_rows
-from pouring_robot.checks.held import held_rows
 from pouring_robot.checks.smooth_errors import Aligned
 from pouring_robot.checks.stated_noise import check_noise
+from pouring_robot.checks.stationary_target import held_rows
 from pouring_robot.checks.thermometers import check_thermometers
 from pouring_robot.checks.units_and_axes import Comparison, mistaken_distances
 from pouring_robot.estimation.frames.fit import FrameFit
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.io.units import MM, MRAD, UNITS
 from pouring_robot.mechanism.arrays import rms
@@ -93,7 +93,7 @@ def campaign_metrics(campaign: Campaign, found: Examination) -> dict[str, Any]:
         "undone": undone(found.flags),
         "misfit": None,
         "redundant_drives_disagree_mm": found.disagreement_m and found.disagreement_m / MM,
-        "untold_of_the_frames": [] if fit is None else list(fit.untold),
+        "untold_of_the_frames": [] if fit is None else list(fit.undetermined),
     }
     if fit is not None:
         rotation = fit.rotation_scale_rad

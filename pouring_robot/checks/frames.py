@@ -247,7 +247,7 @@ class FrameChecks:
         mistakes = position_mistakes(self.campaign, self.drawing, self.data)
         for mistake, undone in _undone((m for m in mistakes if m.code is FlagCode.POSITION_UNIT), self.data):
             if self.data.stretched and not undone.stretched:
-                self._found(mistake.code, mistake.told, mistake.names, {})
+                self._found(mistake.code, mistake.in_words, mistake.names, {})
                 self.data = undone
         message = (
             "drives and measurements cannot be compared before a fit, so mistakes in axes, signs or rows are not "
@@ -289,7 +289,7 @@ class FrameChecks:
             if after.position_scale_m / undone.size_m > gain * before:
                 break
             metrics = {"misfit_before_mm": fit.position_scale_m / MM, "misfit_after_mm": after.position_scale_m / MM}
-            self._found(mistake.code, mistake.told, mistake.names, metrics)
+            self._found(mistake.code, mistake.in_words, mistake.names, metrics)
             mirrored = mistake if mistake.code is FlagCode.MIRRORED_AXES else mirrored
             self.data, fit = undone, after
         if fit.position_scale_m > max(HOPELESS_M, _HOPELESS_SHARE * self.data.spread_m):
@@ -307,10 +307,10 @@ class FrameChecks:
         best = _least([one for one in _fitted(tried, _turn_misfit, _HOPELESS_RAD) if one[0] <= _HOPELESS_RAD])
         if best is None or len(best.equals) == len(tried) - 1:
             return  # rotations do not determine it
-        named = dataclasses.replace(mistake, message=f"{LEFT_HANDED}: {best.told}")
+        named = dataclasses.replace(mistake, message=f"{LEFT_HANDED}: {best.in_words}")
         (k,) = (k for k, flag in enumerate(self.flags) if flag.code is mistake.code)
         headings = tuple(self.campaign.heading(name) for name in best.names)
-        self.flags[k] = dataclasses.replace(self.flags[k], message=named.told, columns=headings)
+        self.flags[k] = dataclasses.replace(self.flags[k], message=named.in_words, columns=headings)
         self.data = best.undo(mirrored) or self.data
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.campaign.nominal import PoseStack
-from pouring_robot.checks.held import at_one_place
+from pouring_robot.checks.stationary_target import at_one_place
 from pouring_robot.checks.units_and_axes import Comparison
 from pouring_robot.estimation.frames.fit import FrameFit
 from pouring_robot.estimation.frames.outer import OuterFrames

@@ -33,7 +33,7 @@ from pouring_robot.io.figures import two_digits
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly_spaced
 from pouring_robot.mechanism.local_parameters import drive_parameters
-from pouring_robot.mechanism.weight_on_joints import by_a_newton, own_force, up_in_base
+from pouring_robot.mechanism.weight_on_joints import force_per_newton, own_force, up_in_base
 from pouring_robot.robot.description.drawing import Drawing
 
 _MOST_ROWS, _FEWEST_ROWS = 200, 20
@@ -173,7 +173,7 @@ def _by_weight(campaign: Campaign, drawing: Drawing, drives: FloatArray, rows: I
     place = ladle or mechanism.placement_on_end(robot.payload_frame).translation
     rest, lifted = seen_from_rest(engine, closed)
     moved = rest.transfer(lifted, drive_parameters(mechanism)).matrix
-    share = by_a_newton(up_in_base(rest.structure.mechanism), moved, lifted.rotation, place)
+    share = force_per_newton(up_in_base(rest.structure.mechanism), moved, lifted.rotation, place)
     forces = [own_force(mechanism, engine.structure.configurations(closed.joints)), share]
     loads = campaign.conditions.get("payload")
     if loads is not None and np.isfinite(loads[rows]).any():

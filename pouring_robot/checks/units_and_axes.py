@@ -157,7 +157,7 @@ class Mistake:
     equals: tuple[str, ...] = ()  # messages of others that fit as well
 
     @property
-    def told(self) -> str:
+    def in_words(self) -> str:
         """The message, with those of mistakes that are equally possible."""
         return "; equally possible: ".join([self.message, *self.equals])
 

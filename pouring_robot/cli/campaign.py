@@ -197,13 +197,13 @@ def _lines(figures: dict[str, Any]) -> Iterator[str]:
     disagree = figures["redundant_drives_disagree_mm"]
     if disagree is not None:
         yield f"redundant drives of the nominal robot{undone} disagree by {disagree:.3g} mm (RMS)"
-    untold = figures["untold_of_the_frames"]  # held at zero, and costs nothing
-    turns = [direction for direction in untold if next(iter(direction)).startswith("tool.r")]
+    undetermined = figures["untold_of_the_frames"]  # held at zero, and costs nothing
+    turns = [direction for direction in undetermined if next(iter(direction)).startswith("tool.r")]
     if misfit and misfit["rotation_mrad"] is None and len(turns) == 3:
         yield "positions alone do not determine the orientation of the target on the tool, and need not"
-        untold = [direction for direction in untold if direction not in turns]
-    if untold:
-        texts = (" ".join(f"{share:+.3g} {name}" for name, share in direction.items()) for direction in untold)
+        undetermined = [direction for direction in undetermined if direction not in turns]
+    if undetermined:
+        texts = (" ".join(f"{share:+.3g} {name}" for name, share in direction.items()) for direction in undetermined)
         open_ = "; ".join(text.removeprefix("+") for text in texts)
         frames = "base: robot seen from the device; tool: target on the robot"
         yield f"not determined by these poses, and not needed for them: {open_} ({frames})"

@@ -40,8 +40,8 @@ def _library(model: RobotModel) -> list[dict[str, Any]]:
     from pouring_robot.diagnosis.rows import channel_names, local_parameters
     from pouring_robot.effects.available import all_effects
     from pouring_robot.effects.base import checked_forms
+    from pouring_robot.effects.condition_facts import sources
     from pouring_robot.effects.conditions import bare_conditions, complete_conditions
-    from pouring_robot.effects.facts import sources
 
     conditions, channels = complete_conditions(model.definition), channel_names(local_parameters(model))
     bare, warm = bare_conditions(model.definition), complete_conditions(model.definition, every_thermometer=True)
@@ -50,7 +50,7 @@ def _library(model: RobotModel) -> list[dict[str, Any]]:
             "effect": effect.id,
             "story": effect.story,
             "needs": list(sources((*effect.needs, *effect.missing(bare)), model.definition)),
-            "instead": effect.instead,
+            "instead": effect.substitute,
             "forms": [
                 {
                     "form": form.name,

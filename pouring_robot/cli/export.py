@@ -29,9 +29,9 @@ def export(
         if wanted and form != "urdf":
             raise BadInputError(f"{name} is for --format urdf: {form} is written closed and names its own meshes")
     from pouring_robot.mechanism.arrays import rms
-    from pouring_robot.robot.export.closed_robot import ClosedRobot, ball_notes
     from pouring_robot.robot.export.folder import exported_files
     from pouring_robot.robot.export.sdf import mimic_notes
+    from pouring_robot.robot.export.tree_at_closed_pose import ClosedRobot, ball_notes
     from pouring_robot.robot.pouring.layout import stale_mesh_note
 
     present = which.built()

@@ -27,7 +27,7 @@ from pouring_robot import __version__
 from pouring_robot.batch.records import BatchClosure
 from pouring_robot.compensation.pose import LOCKED, MOST_STEPS, least_commanded
 from pouring_robot.exceptions import NoSolutionError
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.seeds import CLIMBS_SEED
 from pouring_robot.io.units import DEG, MM, MRAD
@@ -250,7 +250,10 @@ def make_controller(heated: HeatedRobot, frame: str | None = None, show: Progres
         added = np.moveaxis(np.tensordot(inverse, added, axes=(1, axis)), 0, axis)
     coefficients, centres = np.moveaxis(added, -1, 0), (kinematics.fixed_centres_m, kinematics.moving_centres_m)
     model = heated.robot.model
-    made_for = f"layout {model.layout}, {f'model file {model.file}' if model.file else 'no model file'}", heated.told()
+    made_for = (
+        f"layout {model.layout}, {f'model file {model.file}' if model.file else 'no model file'}",
+        heated.summary(),
+    )
     made = Controller(search.frame, *made_for, lower, upper, coefficients, *centres, np.zeros(4), 0.0, 0.0, 0)
 
     def errors(scaled: FloatArray) -> FloatArray:

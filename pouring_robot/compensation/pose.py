@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from pouring_robot.compensation.drives import bring_to
 from pouring_robot.exceptions import BadInputError, ClosureError, CompensationError, LockedPoseError
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.io.tables import csv_text
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, finite

@@ -10,7 +10,7 @@ from scipy.stats import qmc
 from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.simulate import metadata_of
 from pouring_robot.design.request import PlannedParameter
-from pouring_robot.effects.conditions import set_apart
+from pouring_robot.effects.conditions import slide_offsets_m
 from pouring_robot.effects.nominal_rows import loads_on, nominal_rows
 from pouring_robot.estimation.frames.outer import FRAMES, OuterFrames
 from pouring_robot.estimation.measurement import MeasurementModel, ModelledRows, Unknowns
@@ -84,7 +84,12 @@ class Columns:
         base, by_drive = (np.nan_to_num(part.derivatives) for part in (seen, drives))
         closed = seen.closed & drives.closed
         forces = self._forces(modelled, closed, (visit.payload_kg for visit in conditions))
-        return (base, by_drive[:, :, FRAMES:], forces, command.drives + set_apart(self.robot.model.definition)), closed
+        return (
+            base,
+            by_drive[:, :, FRAMES:],
+            forces,
+            command.drives + slide_offsets_m(self.robot.model.definition),
+        ), closed
 
     def _forces(
         self, modelled: ModelledRows, closed: BoolArray, payloads_kg: Iterable[float]

@@ -30,7 +30,7 @@ from pouring_robot.effects.default_causes import causes_of
 from pouring_robot.estimation.frames.outer import FRAME_PARAMETERS, FRAMES
 from pouring_robot.estimation.identifiability import base_parameters, observability_index
 from pouring_robot.exceptions import BadInputError, NoSolutionError
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.threads import one_blas_thread

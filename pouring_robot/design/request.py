@@ -21,8 +21,8 @@ from pouring_robot.estimation.identifiability import CRITERIA, Criterion
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.io import usual_noise
-from pouring_robot.io.given import Options, as_tuple, expect, whole
-from pouring_robot.io.quantities import LIMITS
+from pouring_robot.io.argument_checks import Options, as_tuple, expect, whole
+from pouring_robot.io.quantity_columns import LIMITS
 from pouring_robot.io.units import MM, MRAD, shown_in
 from pouring_robot.mechanism.arrays import finite
 from pouring_robot.mechanism.local_parameters import GeometricParameter

@@ -16,7 +16,7 @@ import numpy as np
 from pouring_robot.diagnosis.diagnoser import Diagnoser, LinearState
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.rows import WhitenedRows
-from pouring_robot.estimation.splits import foretold
+from pouring_robot.estimation.splits import frames_determined
 from pouring_robot.inference.decision import Cause
 from pouring_robot.inference.problem import Problem
 from pouring_robot.inference.search import search
@@ -85,7 +85,7 @@ def held_out_in_turn(
     free = problem.nuisance.axes
 
     def predictable(block: BoolArray) -> bool:
-        return foretold([free[~block].T @ free[~block]], free[block].T @ free[block])
+        return frames_determined([free[~block].T @ free[~block]], free[block].T @ free[block])
 
     masks = {k: block for k, rows in enumerate(blocks) if predictable(block := np.isin(linear.row, rows))}
     if len(masks) < _FEWEST_BLOCKS:

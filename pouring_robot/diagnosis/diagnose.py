@@ -25,7 +25,7 @@ from pouring_robot.diagnosis.library import Library
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
-from pouring_robot.diagnosis.searched import Searched, Subset
+from pouring_robot.diagnosis.search_and_noise import Searched, Subset
 from pouring_robot.diagnosis.suggest.next_measurements import MOST_COUNT, USUAL_COUNT
 from pouring_robot.effects.available import chosen_effects
 from pouring_robot.effects.base import Effect
@@ -41,8 +41,8 @@ from pouring_robot.inference.gross_errors import ROUNDS
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
-from pouring_robot.io.forked import forked
-from pouring_robot.io.given import Options, expect, whole
+from pouring_robot.io.argument_checks import Options, expect, whole
+from pouring_robot.io.background_process import forked
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import Indices, rms
@@ -256,10 +256,10 @@ class _Work:
                 break
             self.say("leaving out rows that fit nothing", 0, 0)
             # A fit that wrong rows have pulled towards themselves is no starting point.
-            start = tried.hypothesis if tried.telling else None
+            start = tried.hypothesis if tried.predictive else None
             subset = self.subset(found.asked.flagged, np.union1d(tried.asked.unfitting, more))
             tried = self.searched(subset, start)
-            found = tried if tried.calm else found
+            found = tried if tried.near_noise else found
         return found
 
     def judged(self, found: Searched, flags: tuple[DataFlag, ...]) -> Diagnosis:
@@ -327,7 +327,7 @@ class _Work:
                 *subset.notes,
                 *_noise_notes(found.noise),
                 *(f"assumed: {line}" for line in given.assumed),
-                *rows.untold,
+                *rows.not_learned,
             ),
             next_count=self.options.next_count,
         )
@@ -338,7 +338,7 @@ class _Work:
         # What no model can include, or does not do in it what it was found for, is no cause, however well it explains.
         why = (diagnosis.refused if judgement.names else "") or unsettled
         causes = [self.effects[cause.effect] for cause in judgement.causes if cause.indices]  # without workmanship
-        lasting = not any(cause.passes for cause in causes)  # others no model predicts
+        lasting = not any(cause.campaign_specific for cause in causes)  # others no model predicts
         if diagnosis.in_turn and causes and not why and lasting:
             why = diagnosis.in_turn.refuted
         if not why:
@@ -384,7 +384,7 @@ class _Work:
             in_turn = held_out_in_turn(diagnoser, before, after, blocks, names, self.say)
         if in_turn:
             judgement = replace(judgement, causes=tuple(map(in_turn.tempered, judgement.causes)))
-        passing = [effect for effect in judgement.minor if self.effects[effect].passes]
+        passing = [effect for effect in judgement.minor if self.effects[effect].campaign_specific]
         if passing and judgement.causes:  # they belong to these rows, not to the robot
             hypothesis, judgement = without_minor(hypothesis, judgement, passing)
             after, hypothesis = diagnoser.settled(after, hypothesis)

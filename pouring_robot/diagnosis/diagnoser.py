@@ -15,7 +15,7 @@ from pouring_robot.diagnosis.library import Library, known_effects, workmanship_
 from pouring_robot.diagnosis.named_effects import FoundByKey, FoundParameter, NamedEffect
 from pouring_robot.diagnosis.rows import CampaignRows, ClosedRows, LinearRows, OuterAndSessionFrames, WhitenedRows
 from pouring_robot.effects.base import EffectParameter
-from pouring_robot.effects.stack import local_changes
+from pouring_robot.effects.stack_in_rows import local_changes
 from pouring_robot.estimation.intervals import largest_std
 from pouring_robot.estimation.jackknife import jackknife_covariance
 from pouring_robot.estimation.noise import NoiseLevel
@@ -283,7 +283,9 @@ class Diagnoser:
             if form := forms.get(group.key):
                 units = np.diag(weights * np.array([p.prior_std for p in form.parameters]))
                 found[group.key] = np.zeros((len(weights), width))
-                found[group.key][:, own] = form.told(self.fitted) @ units if form.told else units
+                found[group.key][:, own] = (
+                    form.reporting_matrix(self.fitted) @ units if form.reporting_matrix else units
+                )
         return found
 
     def covariances(

@@ -15,8 +15,8 @@ import numpy as np
 
 from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
 from pouring_robot.effects.base import EffectParameter
+from pouring_robot.effects.condition_facts import in_words, numbers
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.facts import in_words, numbers
 from pouring_robot.effects.families.joints import axis_parameters, place_parameters
 from pouring_robot.estimation.kinds import component_name
 from pouring_robot.inference.gaussian_processes.kernels import (

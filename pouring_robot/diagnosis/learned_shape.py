@@ -7,7 +7,7 @@ import numpy as np
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.named_effects import NamedEffect
 from pouring_robot.effects.base import channel
-from pouring_robot.effects.facts import Axis, of_drives
+from pouring_robot.effects.condition_facts import Axis, of_drives
 from pouring_robot.estimation.changes import SCALE
 from pouring_robot.estimation.intervals import deviations95, largest_std
 from pouring_robot.io.units import shown_in

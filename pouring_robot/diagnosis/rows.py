@@ -21,7 +21,7 @@ from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.base import EffectParameter, channel
 from pouring_robot.effects.conditions import conditions_of, of_commands
 from pouring_robot.effects.nominal_rows import NominalRows, nominal_rows
-from pouring_robot.effects.stack import changes_by_stack, local_changes, stack_of
+from pouring_robot.effects.stack_in_rows import changes_by_stack, local_changes, stack_of
 from pouring_robot.estimation.changes import SCALE, RowChanges
 from pouring_robot.estimation.first_frames import first_frames
 from pouring_robot.estimation.frames.outer import FRAME_STD, FRAMES, OuterFrames
@@ -177,7 +177,7 @@ class CampaignRows:
         self._places = {name: k for k, name in enumerate(self.measurement.names)}
         self.measured = MeasuredPoses.from_campaign(campaign, noise)
         modelled = self.measurement.at(campaign.drives)
-        self._drives = model.standing(campaign.drives)
+        self._drives = model.actual_drive_values(campaign.drives)
         sessions = session_parameters(campaign)
         self._session = numbers_of(campaign.sessions, sessions)
         first = first_frames(modelled, self.measured).frames
@@ -185,7 +185,7 @@ class CampaignRows:
         self._nominal = self._by_the_drawing(modelled)
         self.conditions = conditions_of(campaign, self._nominal)
         structure = self.measurement.engine.structure
-        self._given, self.untold = changes_by_stack(model, campaign, self._nominal, structure, DiagnosisError)
+        self._given, self.not_learned = changes_by_stack(model, campaign, self._nominal, structure, DiagnosisError)
 
     def __len__(self) -> int:
         return len(self.campaign)

@@ -15,16 +15,16 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from pouring_robot.effects.base import Effect, Family, not_for
+from pouring_robot.effects.condition_facts import known_facts
 from pouring_robot.effects.conditions import condition_names
 from pouring_robot.effects.default_causes import causes_of
-from pouring_robot.effects.facts import known_facts
 from pouring_robot.effects.families.drives import Backlash, Coupling, DriveScale, Periodic, Ratio, ZeroOffset
 from pouring_robot.effects.families.growth import DriveGrowth, LinkGrowth, LinksGrowth
 from pouring_robot.effects.families.joints import AxisTilts, JointCentres, Placement
 from pouring_robot.effects.families.loads import AxialCompliance, BeamDeflection, BearingCompliance, TorsionalCompliance
 from pouring_robot.effects.families.surroundings import BaseDrift, MetrologyScale, SessionOffset
 from pouring_robot.exceptions import BadInputError, closest
-from pouring_robot.io.given import as_tuple, expect
+from pouring_robot.io.argument_checks import as_tuple, expect
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.robot import AnyRobot, definition_of
 

@@ -23,8 +23,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pouring_robot.effects.condition_facts import ALWAYS, Axis, axis_over, facts_of
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.facts import ALWAYS, Axis, axis_over, facts_of
 from pouring_robot.exceptions import BadInputError, closest
 from pouring_robot.io.units import shown_in
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
@@ -67,7 +67,7 @@ class Form:
     series: bool = False  # whether its parameters are terms of a series, enough of which represent any function
     # matrix that multiplies values before they are reported, (k, k), from a mask of the fitted rows, (n,). A
     # combination of values that has no effect is as uncertain as its prior, which would widen the interval of each.
-    told: Callable[[BoolArray], FloatArray] | None = field(default=None, repr=False)
+    reporting_matrix: Callable[[BoolArray], FloatArray] | None = field(default=None, repr=False)
 
 
 class Effect(ABC):
@@ -80,16 +80,16 @@ class Effect(ABC):
     robots: tuple[str, ...] = ()
     # conditions without which it cannot be tested, by the names that :meth:`Conditions.value` takes
     needs: tuple[str, ...] = ()
-    instead: str = ""  # what can replace what is :meth:`missing`, in words
+    substitute: str = ""  # what can replace what is :meth:`missing`, in words
     # conditions that also shape it where a campaign has them; an effect learned with them needs them elsewhere
     shaped_by: tuple[str, ...] = ()
     moves_robot: bool = True  # whether it moves the robot, not only what is measured of it
-    of_turn: bool = False  # whether it is stated to repeat with every turn of the joints that it moves
+    periodic: bool = False  # whether it is stated to repeat with every turn of the joints that it moves
     # condition over which it is plotted and which must vary for it to be observable, one of
-    # :func:`~pouring_robot.effects.facts.known_facts`; by default the first of :attr:`needs`
+    # :func:`~pouring_robot.effects.condition_facts.known_facts`; by default the first of :attr:`needs`
     driven_by: str = ""
     # measurement that distinguishes it from other effects, in words; by default what varies :attr:`driven_by`
-    told_apart_by: str = ""
+    distinguished_by: str = ""
 
     @property
     def driver(self) -> str:
@@ -97,13 +97,13 @@ class Effect(ABC):
         return self.driven_by or next(iter(self.needs), "")
 
     @property
-    def passes(self) -> bool:
+    def campaign_specific(self) -> bool:
         """Whether it depends on a campaign's own time or sessions, so that it differs in another campaign."""
         return self.driver in ("time_s", "session")
 
-    def separation(self, conditions: Conditions) -> str:
+    def distinguishing_measurement(self, conditions: Conditions) -> str:
         """Return which measurement distinguishes it from other effects, in words; "" where none is stated."""
-        return self.told_apart_by or facts_of(self.driver, conditions.robot).vary
+        return self.distinguished_by or facts_of(self.driver, conditions.robot).vary
 
     def axis(self, conditions: Conditions) -> Axis:
         """Return the axis over which it is best plotted in a campaign."""
@@ -131,14 +131,14 @@ class Effect(ABC):
         """
         return ()
 
-    def untold(self, conditions: Conditions, form: str) -> Mapping[str, int]:
+    def rows_not_learned(self, conditions: Conditions, form: str) -> Mapping[str, int]:
         """Return in how many rows a form is taken as zero because the campaign it was learned in did not reach there.
 
         The keys are parts, in words. By default what was learned holds everywhere.
         """
         return {}
 
-    def acts(self, conditions: Conditions) -> bool:
+    def can_occur(self, conditions: Conditions) -> bool:
         """Return whether it could ever move this robot, whatever else is varied; by default it could."""
         return True
 

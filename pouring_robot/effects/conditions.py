@@ -33,7 +33,7 @@ around a turn. Between two measured angles it is a Brownian bridge: the variance
 
 
 @functools.lru_cache(maxsize=16)
-def set_apart(robot: RobotDefinition) -> FloatArray:
+def slide_offsets_m(robot: RobotDefinition) -> FloatArray:
     """Return by how much the joints at both ends of each sliding drive are further apart than its value, (D,), in m.
 
     Measured along the slide, from the moving joint before it to the one behind it, or to the loop that it closes.
@@ -101,7 +101,7 @@ class Conditions:
     @property
     def spans(self) -> FloatArray:
         """Distance between the joints at both ends of each sliding drive, (n, D), in m; the value of a turning one."""
-        return np.asarray(self.drives + set_apart(self.robot))
+        return np.asarray(self.drives + slide_offsets_m(self.robot))
 
     @property
     def causes(self) -> Causes:
@@ -137,7 +137,7 @@ class Conditions:
         return vectors[:, np.ptp(vectors, axis=0) > _STILL]
 
     @property
-    def passed(self) -> FloatArray:
+    def elapsed(self) -> FloatArray:
         """Share of the campaign's time that has passed, 0 to 1 within it, (n,)."""
         first, last = self.learned.time_s if self.learned else (self.time_s.min(), self.time_s.max())
         return np.asarray((self.time_s - first) / max(float(last - first), 1e-9))
@@ -345,7 +345,7 @@ def of_commands(campaign: Campaign, nominal: NominalRows, learned: LearnedCampai
     return replace(found, time_known=True) if learned and not learned.timed else found
 
 
-def told(campaign: Campaign) -> dict[str, FloatArray]:
+def recorded(campaign: Campaign) -> dict[str, FloatArray]:
     """Return the drives and conditions that a campaign has, (n,) each, by heading, in inner units."""
     found = {q.canonical: campaign.command(q.name) for q in campaign.robot.ranged_columns}
     return {heading: values for heading, values in found.items() if values is not None}
@@ -357,7 +357,7 @@ def learned_in(campaign: Campaign, conditions: Conditions) -> LearnedCampaign:
     shared = metadata.model_dump(include={*LearnedCampaign.model_fields})  # facts of the machine
     shared["reference_temperature_degC"] = reference_degC(metadata.reference_temperature_degC)
     return LearnedCampaign(
-        ranges={name: (float(np.nanmin(v)), float(np.nanmax(v))) for name, v in told(campaign).items()},
+        ranges={name: (float(np.nanmin(v)), float(np.nanmax(v))) for name, v in recorded(campaign).items()},
         seen_rad={
             drive.joint: arcs_of(campaign.drives[:, k])
             for k, drive in enumerate(campaign.robot.drives)

@@ -11,7 +11,7 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.gravity import GRAVITY_M_S2
 from pouring_robot.mechanism.local_parameters import drive_parameters
-from pouring_robot.mechanism.weight_on_joints import by_a_newton, own_force, own_moments, up_in_base
+from pouring_robot.mechanism.weight_on_joints import force_per_newton, own_force, own_moments, up_in_base
 from pouring_robot.robot.description.definition import RobotDefinition
 from pouring_robot.robot.effect_stack import LearnedCampaign
 
@@ -77,12 +77,12 @@ def loads_on(
         tare, place = 0.0, tuple(nominal.payload_m)  # what the end body weighs is among its links
     if place is None:
         return None, nominal.own_force, None, own
-    share = by_a_newton(nominal.up, nominal.by_drive, nominal.rotation_at_rest, place)
+    share = force_per_newton(nominal.up, nominal.by_drive, nominal.rotation_at_rest, place)
     if tare is None or payload_kg is None:
         return None, nominal.own_force, share, own
     weight = (tare + payload_kg) * GRAVITY_M_S2
     force = weight[:, None] * share
-    carried = (weight[:, None] * by_a_newton(nominal.up, nominal.by_turn, nominal.rotation_at_rest, place)).T
+    carried = (weight[:, None] * force_per_newton(nominal.up, nominal.by_turn, nominal.rotation_at_rest, place)).T
     moments = {n: moment + (own[n] if own else 0.0) for n, moment in zip(nominal.turns, carried, strict=True)}
     return weight, force if nominal.own_force is None else force + nominal.own_force, share, moments
 

@@ -28,7 +28,7 @@ from pouring_robot.estimation.noise import FALSE_ALARMS, NoiseLevel, noise_ratio
 from pouring_robot.estimation.residuals import MeasuredPoses, WhitenedEquations
 from pouring_robot.estimation.robust import Loss, noise_shares
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.given import Options, whole
+from pouring_robot.io.argument_checks import Options, whole
 from pouring_robot.mechanism.arrays import FloatArray, Indices, finite
 from pouring_robot.robot.model import RobotModel
 

@@ -295,7 +295,7 @@ class ModelledRows:
     def present(self) -> BatchClosure:
         """Close the loops of the present robot, with all parameters zero."""
         placed = self.changes.placements if self.changes else None
-        return self.model.engine.close(self.model.model.standing(self.drives), self.start, placed)
+        return self.model.engine.close(self.model.model.actual_drive_values(self.drives), self.start, placed)
 
     def by_drawing(self) -> tuple[Engine, BatchClosure]:
         """Close the loops of the drawing, which has no errors; return its engine, too."""
@@ -311,7 +311,7 @@ class ModelledRows:
         if unknowns.values.shape != (len(model.names),) or not np.isfinite(unknowns.values).all():
             raise BadInputError(f"the unknowns must be {len(model.names)} finite values, not {unknowns.values.shape}")
         errors = model.placement_errors(unknowns.parameters)
-        drives = model.model.standing(self.drives) + model.drive_errors(unknowns.parameters)
+        drives = model.model.actual_drive_values(self.drives) + model.drive_errors(unknowns.parameters)
         closure = model.engine.close(drives, self.start, self._placed(errors))
         scale = self.changes.scale if self.changes else None
         return Prediction.of(closure, unknowns.frames, self._base(unknowns), scale)

@@ -3,7 +3,7 @@
 Before a fit it is as stated, or the scatter of rows that repeat a pose (:func:`noise_beforehand`). Where neither is
 known, :meth:`NoiseLevel.from_left_over` takes it from the residuals of a fit (:func:`noise_ratio`), repeated until both
 agree: in a calibration ``settled_noise`` of :mod:`pouring_robot.estimation.map_fit`, in a diagnosis
-:mod:`pouring_robot.diagnosis.searched` by ``noise_left`` of :mod:`pouring_robot.diagnosis.diagnoser`, for where they
+``diagnosis/search_and_noise.py`` by ``noise_left`` of :mod:`pouring_robot.diagnosis.diagnoser`, for where they
 disagree ``diagnosis/where/dependence.py``. A fit, a whole search and a sum of processes differ in cost and in what they
 pass on, so each has its own rule for ending. :func:`largest_noise` returns the size beyond which it is not noise.
 """
@@ -28,7 +28,7 @@ from pouring_robot.campaign.nominal import PoseStack
 from pouring_robot.estimation.instruments import instruments_of
 from pouring_robot.estimation.kinds import KINDS, LENGTHS, Kind, are, kinds_of, unit_of
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 
@@ -109,7 +109,7 @@ class NoiseLevel:
             {kind: noise_ratio(residual[own], freedom[own], fewest) for kind, own in chosen.items() if own.any()}
         )
 
-    def told_by(self, left: NoiseLevel, dof: Mapping[Kind, float], rate: float) -> NoiseLevel:
+    def pooled_with(self, left: NoiseLevel, dof: Mapping[Kind, float], rate: float) -> NoiseLevel:
         """Return the noise with that from residuals, with ``dof`` degrees of freedom by kind, where that is better.
 
         That is where it is not stated, or where it comes from few repeats that agree: the residuals beyond them (lack

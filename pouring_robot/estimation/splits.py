@@ -42,7 +42,9 @@ class Split:
     test: Indices  # rows of the test block: no choice uses them; they may refuse a calibration as a whole
     test_name: str  # the block's name
     folds: tuple[Indices, ...]  # blocks of the other rows; each may validate fits to others
-    told: tuple[FloatArray, ...]  # information of each fold on the outer frames: inner products of columns, (k, k)
+    frame_information: tuple[
+        FloatArray, ...
+    ]  # information of each fold on the outer frames: inner products of columns, (k, k)
 
     @property
     def train(self) -> Indices:
@@ -65,7 +67,9 @@ class Split:
         for k, fold in enumerate(self.folds):
             others = [j for j in range(len(self.folds)) if j < k or (self.kind == "region" and j > k)]
             rows = np.concatenate([np.zeros(0, dtype=np.intp), *(self.folds[j] for j in others)])
-            if rows.size >= FEWEST_FOR_FRAMES and foretold([self.told[j] for j in others], self.told[k]):
+            if rows.size >= FEWEST_FOR_FRAMES and frames_determined(
+                [self.frame_information[j] for j in others], self.frame_information[k]
+            ):
                 pairs.append((np.sort(rows), fold))
         return tuple(pairs)
 
@@ -98,7 +102,7 @@ def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> 
         large = [k for k in from_last if sizes[k] >= _FEWEST_TEST and sum(sizes) - sizes[k] >= _FEWEST_TRAIN]
         for k in large if len(parts) > 2 else ():
             others = [j for j in range(len(parts)) if j != k]
-            if foretold([shown[j] for j in others], shown[k]):
+            if frames_determined([shown[j] for j in others], shown[k]):
                 folds, theirs = zip(*((parts[j][1], shown[j]) for j in others), strict=True)
                 return Split(kind, parts[k][1], parts[k][0], folds, theirs)
     other = "" if kind == "region" else ", or choose --hold-out region"
@@ -115,12 +119,12 @@ def split(campaign: Campaign, left_out: Indices, hold_out: HoldOut = "auto") -> 
     )
 
 
-def foretold(told: Sequence[FloatArray], asked: FloatArray) -> bool:
+def frames_determined(frame_information: Sequence[FloatArray], asked: FloatArray) -> bool:
     """Return whether some blocks determine the frames well enough to predict another, by their information, (k, k).
 
     In every direction they must have the share :data:`_KNOWN` of the information of all together.
     """
-    known = np.sum(told, axis=0)
+    known = np.sum(frame_information, axis=0)
     both = known + asked
     sizes = np.sqrt(np.maximum(np.diag(both), 1e-300))  # metres and radians
     squared, axes = np.linalg.eigh(both / sizes / sizes[:, None])

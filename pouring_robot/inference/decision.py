@@ -1,4 +1,7 @@
-"""From the best hypothesis to what may be said: verdict, alternatives, probabilities. Nothing here knows the robot."""
+"""From the best hypothesis to what may be said: verdict, alternatives, probabilities. Nothing here knows the robot.
+
+Where no model can hold what was found, ``diagnosis/diagnose.py`` overrules it (:meth:`Judgement.disbelieved`).
+"""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ _SIGMAS = 6.5
 """One of a million normal values is beyond 4.9; this leaves room for tails that are not normal."""
 _FEW_SHARE, _FEW = 0.04, 2
 """At most this share of the rows, or number in a small campaign, are single ones wherever they are."""
-_CALM = 1.5
+_NEAR_NOISE = 1.5
 NINE_TENTHS, HALF = 0.9, 0.5
 """Shares of the rows whose quantile of the residuals sets the scale of outliers."""
 _TOGETHER = 0.01
@@ -42,12 +42,12 @@ class RowResiduals(NamedTuple):
     asked: BoolArray  # which of all rows may be gross errors by this fit, (n,)
 
 
-def calm(left: FloatArray) -> bool:
+def near_noise(left: FloatArray) -> bool:
     """Return whether residuals (m,) in units of the noise are at most one and a half times the noise.
 
     By their median, which a few wrong rows hardly change.
     """
-    return robust_sigma(left) < _CALM
+    return robust_sigma(left) < _NEAR_NOISE
 
 
 def gross_errors(

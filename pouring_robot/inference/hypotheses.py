@@ -25,7 +25,7 @@ from pouring_robot.inference.evidence import (
     joint_evidence,
 )
 from pouring_robot.inference.priors import LIKELY_LEVEL, WORKMANSHIP_LEVELS, coarsest_level, log_prior_of_levels
-from pouring_robot.inference.problem import Explanation, Problem, Value, Workmanship, once
+from pouring_robot.inference.problem import Explanation, Problem, Value, Workmanship, memoised
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices
 
 _SWEEPS = 3
@@ -78,7 +78,7 @@ class Hypothesis:
     def _coarsest(self) -> tuple[int, ...]:
         """The largest level of each kind of workmanship, according to its known upper limit."""
         kinds = self.problem.workmanship
-        return once(self.problem.worked_out, "coarsest", lambda: tuple(coarsest_level(kind.most) for kind in kinds))
+        return memoised(self.problem.worked_out, "coarsest", lambda: tuple(coarsest_level(kind.most) for kind in kinds))
 
     @property
     def unnamed(self) -> list[int]:
@@ -157,7 +157,7 @@ class Hypothesis:
     def _given_workmanship(self) -> ConditionalGram:
         """Inner products conditional on workmanship: factored once for all hypotheses with the same levels."""
         known, entry = self.problem.worked_out, ("workmanship", self.levels)
-        return once(known, entry, lambda: ConditionalGram.groups(self.problem.gram, self.workmanship()))
+        return memoised(known, entry, lambda: ConditionalGram.groups(self.problem.gram, self.workmanship()))
 
     def _inner(self, one: Explanation, other: Explanation) -> FloatArray:
         """Return the inner products of the columns of two explanations, (k, l), conditional on workmanship.
@@ -166,7 +166,7 @@ class Hypothesis:
         """
         known, places = self.problem.worked_out, self.problem.places
         pair = self.levels, one.key, other.key
-        return once(known, pair, lambda: self._given_workmanship.inner(places(one), places(other)))
+        return memoised(known, pair, lambda: self._given_workmanship.inner(places(one), places(other)))
 
     @functools.cached_property
     def _given_items(self) -> ConditionalGram:
@@ -183,7 +183,7 @@ class Hypothesis:
     @property
     def _log_posterior(self) -> float:
         prior = log_prior_of_levels(self.levels, self._coarsest)
-        return self.once("likelihood", lambda: self._given_items.log_likelihood) + prior
+        return self.memoised("likelihood", lambda: self._given_items.log_likelihood) + prior
 
     def item_bayes_factor(self, index: int) -> BayesFactor:
         """Return the Bayes factor of an item given the others."""
@@ -191,7 +191,7 @@ class Hypothesis:
 
     def candidate_bayes_factor(self, item: Explanation) -> BayesFactor:
         """Return the Bayes factor that one more explanation would have, given its form."""
-        return self.once(item.key, lambda: bayes_factor(*self._candidate(item)))
+        return self.memoised(item.key, lambda: bayes_factor(*self._candidate(item)))
 
     def ranked(self, items: Iterable[Explanation]) -> Iterator[tuple[BayesFactor, Explanation]]:
         """Yield the Bayes factor that each of some explanations would have if it were added, best first.
@@ -213,7 +213,7 @@ class Hypothesis:
                 yield found, item
 
     def _most_evidence(self, item: Explanation) -> float:
-        return self.once(("most", item.key), lambda: evidence_bound(*self._candidate(item)))
+        return self.memoised(("most", item.key), lambda: evidence_bound(*self._candidate(item)))
 
     def _candidate(self, item: Explanation) -> tuple[FloatArray, FloatArray, BoolArray, float]:
         """Return the arguments of :func:`bayes_factor` for one more explanation."""
@@ -229,9 +229,9 @@ class Hypothesis:
         known: dict[Hashable, Any] = self.problem.worked_out.setdefault(("fitted", fitted, self.levels), {})
         return known
 
-    def once(self, what: Hashable, work: Callable[[], Value]) -> Value:
+    def memoised(self, what: Hashable, work: Callable[[], Value]) -> Value:
         """Return a value that is computed once for this hypothesis and those that share its :attr:`_known`."""
-        return once(self._known, what, work)
+        return memoised(self._known, what, work)
 
     def worth(self, indices: Collection[int]) -> float:
         """Return the log evidence for some items together, with everything else held, in nats."""

@@ -2,7 +2,8 @@
 
 Three do not concern hypotheses and are defined elsewhere: the usual size of each parameter of an effect, in its unit,
 is its ``prior_std`` (:mod:`pouring_robot.effects.families`); the usual amplitude and length scales of something unknown
-are in :mod:`pouring_robot.diagnosis.discrepancy_processes`; the priors of parameters and frames in fits are in
+are in :mod:`pouring_robot.diagnosis.discrepancy_processes`; the priors of parameters in fits are the tolerances of
+:mod:`pouring_robot.robot.tolerances`, with those of frames in
 :meth:`pouring_robot.estimation.measurement.MeasurementModel.prior_std`.
 """
 

@@ -22,7 +22,7 @@ _RANK = 1e-10
 Value = TypeVar("Value")
 
 
-def once(known: dict[Hashable, Any], what: Hashable, work: Callable[[], Value]) -> Value:
+def memoised(known: dict[Hashable, Any], what: Hashable, work: Callable[[], Value]) -> Value:
     """Return a value that is computed once and then remembered."""
     if what not in known:
         known[what] = work()

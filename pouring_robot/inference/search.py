@@ -161,7 +161,7 @@ def _exchanged(hypothesis: Hypothesis, key: tuple[str, str]) -> Hypothesis:
     remembered: a hypothesis refers to its problem, so that the cache would keep both and their columns alive.
     """
     entry = "exchanged", key, hypothesis.barred
-    found = hypothesis.once(entry, lambda: _better(hypothesis, key))
+    found = hypothesis.memoised(entry, lambda: _better(hypothesis, key))
     return replace(hypothesis, **found) if found else hypothesis
 
 

@@ -16,7 +16,7 @@ from scipy.special import ndtri
 from pouring_robot.exceptions import BadInputError
 from pouring_robot.inference.evidence import eigen, evidences
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.io.seeds import CHANCE_SEED
 
 LITTLE_NATS = 3.0

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from pouring_robot.exceptions import DescriptionError, OutputError
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.io.interrupt import stop_if_heard
 
 CSV_SUFFIXES = (".csv",)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import TableError, closest
+from pouring_robot.io.argument_checks import as_path
 from pouring_robot.io.files import EXCEL_SUFFIXES, PARQUET_SUFFIXES
-from pouring_robot.io.given import as_path
 from pouring_robot.io.units import LARGEST, LATEST, size_fault
 
 _COMMENT = "; a line that begins with # is not a comment here: delete it, or only the # in front of headings"

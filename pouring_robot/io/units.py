@@ -1,7 +1,7 @@
 """Units of input and output: those in which tables are read and values shown; internally all is in SI and °C.
 
 Errors are shown in mm and mrad, joint values in mm and degrees. Headings are read in
-:mod:`pouring_robot.io.quantities`; keys of YAML files have their unit in their name or next to the value.
+:mod:`pouring_robot.io.quantity_columns`; keys of YAML files have their unit in their name or next to the value.
 """
 
 from __future__ import annotations

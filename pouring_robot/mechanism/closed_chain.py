@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, UnknownFrameError, UnknownJointError, closest
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.io.units import LARGEST
 from pouring_robot.mechanism.arrays import FloatArray, Indices, as_columns, numbers
 from pouring_robot.mechanism.joint_types import unit_of

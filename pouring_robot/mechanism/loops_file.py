@@ -14,7 +14,7 @@ import pydantic
 from ruamel.yaml.comments import CommentedMap
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
-from pouring_robot.io.given import as_path
+from pouring_robot.io.argument_checks import as_path
 from pouring_robot.io.typed_yaml import Entries, Entry, StrictModel, read_yaml, validate
 from pouring_robot.mechanism.joint_types import JointKind
 

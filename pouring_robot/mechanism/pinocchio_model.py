@@ -19,7 +19,7 @@ import pinocchio as pin
 from lxml import etree
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError
-from pouring_robot.mechanism.gravity import GRAVITY_M_S2
+from pouring_robot.mechanism.gravity import GRAVITY
 from pouring_robot.mechanism.joint_types import NOT_IN_URDF, change_joints, make_spherical
 from pouring_robot.mechanism.loops_file import LoopsFile
 
@@ -100,7 +100,7 @@ def model_of(urdf: str, source: Path) -> pin.Model:
         raise DescriptionError(f"URDF of {source}", f"Pinocchio cannot build it: {why}") from problem
     for line in words:  # it took the URDF, but not without a word
         print(line, file=sys.stderr)
-    model.gravity.linear = np.array([0.0, 0.0, -GRAVITY_M_S2])
+    model.gravity.linear = np.array(GRAVITY)
     unsaid = model.lowerPositionLimit >= model.upperPositionLimit  # 0 and 0 is what a URDF has that leaves them out
     model.lowerPositionLimit = np.where(unsaid, -np.inf, model.lowerPositionLimit)
     model.upperPositionLimit = np.where(unsaid, np.inf, model.upperPositionLimit)

@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray, ReadOnly
 

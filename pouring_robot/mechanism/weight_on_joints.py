@@ -24,7 +24,7 @@ def up_in_base(mechanism: ClosedChainMechanism) -> FloatArray:
     return np.asarray(axes.T @ (-gravity / np.linalg.norm(gravity)))
 
 
-def by_a_newton(up: FloatArray, moved: FloatArray, rotation: FloatArray, place: ArrayLike) -> FloatArray:
+def force_per_newton(up: FloatArray, moved: FloatArray, rotation: FloatArray, place: ArrayLike) -> FloatArray:
     """Return the forces that a newton of weight on the end body exerts on what moves it, (n, p), in N/N and Nm/N.
 
     Args:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pouring_robot.exceptions import TableError
-from pouring_robot.io.quantities import Quantity, read_quantities, whole_column
+from pouring_robot.io.quantity_columns import Quantity, read_quantities, whole_column
 from pouring_robot.io.tables import read_table
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.rotations import rotation_matrices

@@ -20,8 +20,8 @@ import pinocchio as pin
 import pydantic
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, TooLargeError, UnknownJointError, closest
+from pouring_robot.io.argument_checks import as_path, expect
 from pouring_robot.io.files import write_whole
-from pouring_robot.io.given import as_path, expect
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate, yaml_text
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
@@ -261,7 +261,7 @@ class RobotModel(StrictModel):
         """Return the offset of each drive that has one, in m or rad."""
         return {drive: offset.to_si() for drive, offset in self.drive_offsets.items()}
 
-    def standing(self, commands: FloatArray) -> FloatArray:
+    def actual_drive_values(self, commands: FloatArray) -> FloatArray:
         """Return the values of the drives for commands (..., drives), in m and rad: the commands plus the offsets."""
         offsets = self.drive_offset_values()
         return np.asarray(commands + np.array([offsets.get(drive.joint, 0.0) for drive in self.definition.drives]))

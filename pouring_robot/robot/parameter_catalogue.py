@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from pouring_robot.batch import engine_for
 from pouring_robot.exceptions import BadInputError, closest
-from pouring_robot.io.given import as_tuple, expect
+from pouring_robot.io.argument_checks import as_tuple, expect
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.local_parameters import GeometricParameter, drive_parameters, placement_parameters
 from pouring_robot.robot.description.definition import RobotDefinition

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from pouring_robot.batch.records import BatchClosure, BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, UnreachablePoseError
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureOptions, ClosureResult

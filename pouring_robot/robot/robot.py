@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from pouring_robot.batch.interface import Engine
 from pouring_robot.batch.records import BatchClosure, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError
-from pouring_robot.io.given import as_tuple, expect
+from pouring_robot.io.argument_checks import as_tuple, expect
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, finite
 from pouring_robot.mechanism.closure.energy import NO_LOADS, Loads
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
@@ -136,15 +136,16 @@ class Robot:
         leading = {mimic.leader for mimic in mechanism.mimics if mimic.joint in seen}
         return tuple(drive for drive in mechanism.loops.drives if drive not in seen | leading)
 
-    def standing(self, drives: FloatArray) -> FloatArray:
+    def actual_drive_values(self, drives: FloatArray) -> FloatArray:
         """Return the drive values of the robot as built for commands (..., drives), in m and rad."""
-        return self.model.standing(drives)
+        return self.model.actual_drive_values(drives)
 
     def actual_drives(self, drives: Mapping[str, float]) -> dict[str, float]:
         """Return the same by name, for all drives; raises BadInputError for a missing drive or an unknown name."""
         self.drawing.check_drives(drives)
         mechanism = self.drawing.mechanism
-        return mechanism.named_drives(self.standing(np.array([drives[name] for name in mechanism.loops.drives])))
+        commands = np.array([drives[name] for name in mechanism.loops.drives])
+        return mechanism.named_drives(self.actual_drive_values(commands))
 
     def locate_drives(self, drives: ArrayLike) -> xr.Dataset:
         """Return where the robot should be and where it is for commands (n, drives), in m and rad.
@@ -191,7 +192,7 @@ class Robot:
 
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
         """Close the robot as built for commanded drives (n, drives), in m and rad, from closed nominal poses."""
-        return self.engine().close(self.standing(drives), start)
+        return self.engine().close(self.actual_drive_values(drives), start)
 
     @property
     def loaded(self) -> bool:
@@ -297,7 +298,7 @@ class Robot:
 
     def close_actual(self, drives: FloatArray, start: FloatArray) -> ClosureResult:
         """Close the robot as built for one command (drives,), in m and rad, from a configuration (nq,)."""
-        return self.actual_solver.solve(self.drawing.mechanism.named_drives(self.standing(drives)), start)
+        return self.actual_solver.solve(self.drawing.mechanism.named_drives(self.actual_drive_values(drives)), start)
 
     def _reach(self, drives: FloatArray, nominal: ClosureResult) -> tuple[JointReach, ...]:
         return joint_reach(self.drawing.mechanism, nominal.joint_values | self.drawing.mechanism.named_drives(drives))

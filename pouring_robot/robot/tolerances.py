@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 import pydantic
 
-from pouring_robot.io.given import as_path
+from pouring_robot.io.argument_checks import as_path
 from pouring_robot.io.typed_yaml import StrictModel, read_yaml, validate
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray

@@ -14,7 +14,7 @@ import numpy as np
 from pouring_robot.batch import BatchStart, CompiledEngine, SiteErrors, engine_for
 from pouring_robot.batch.interface import Engine
 from pouring_robot.exceptions import BadInputError, NoSolutionError
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.mechanism.arrays import FloatArray, Indices, evenly_spaced
 from pouring_robot.mechanism.local_parameters import DriveParameter, PlacementParameter

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError, counted
+from pouring_robot.io.argument_checks import Options, as_tuple, whole
 from pouring_robot.io.figures import json_text
 from pouring_robot.io.files import write_together
-from pouring_robot.io.given import Options, as_tuple, whole
 from pouring_robot.io.seeds import SENSITIVITY_SEED
 from pouring_robot.io.tables import rows_csv
 from pouring_robot.io.units import DEG, MM, MRAD, shown_in

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from pydantic import NonNegativeInt, PositiveFloat
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, closest
-from pouring_robot.io.given import as_path
+from pouring_robot.io.argument_checks import as_path
 from pouring_robot.io.typed_yaml import Range, StrictModel, read_yaml, validate
 from pouring_robot.io.units import DEG, MM
 from pouring_robot.mechanism.arrays import FloatArray

@@ -194,7 +194,7 @@ class SweepPlan:
         placed[:, sites] = self.error_map.placement_errors(values)
         flat = placed.reshape(robots, -1)
         of_all = flat[0] if robots == 1 else flat[robot]
-        drives = self.model.standing(poses.drives)[pose] + self.error_map.drive_errors(values)[robot]
+        drives = self.model.actual_drive_values(poses.drives)[pose] + self.error_map.drive_errors(values)[robot]
         if self.config.kind == "open_branch":
             assert isinstance(engine, CompiledEngine)  # only a star has a DH table of its chains
             chains = np.array([p.chain - 1 for p in self.parameters])

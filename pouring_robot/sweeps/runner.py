@@ -11,7 +11,7 @@ from typing import Any
 
 import pouring_robot
 from pouring_robot.exceptions import BadInputError, SweepWorkerError
-from pouring_robot.io.given import expect, whole
+from pouring_robot.io.argument_checks import expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.sweeps.analysis.report import SweepReport, report

@@ -4,12 +4,12 @@ from .expansion.warm_pouring_robot import HeatedRobot as HeatedRobot
 from .expansion.warm_pouring_robot import PoseShares as PoseShares
 from .expansion.warm_pouring_robot import WarmRobot as WarmRobot
 from .expansion.warm_pouring_robot import WarmState as WarmState
-from .network.assembly import ThermalNetwork as ThermalNetwork
-from .network.assembly import simulate as simulate
 from .network.history import HeatHistory as HeatHistory
 from .network.history import PoseSchedule as PoseSchedule
 from .network.history import read_shift as read_shift
 from .network.temperature_field import TemperatureField as TemperatureField
+from .network.thermal_network import ThermalNetwork as ThermalNetwork
+from .network.thermal_network import simulate as simulate
 from .report import PoseHeat as PoseHeat
 from .report import ShiftHeat as ShiftHeat
 from .report import heated_drawing as heated_drawing

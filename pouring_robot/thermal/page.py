@@ -17,13 +17,13 @@ _LEGS = (STEEL, "#81b1d5", BRICK, "#e8a598")
 _AXES = (STEEL, MOSS, BRICK)
 
 
-def html_report(found: PoseHeat | ShiftHeat, drawn: PoseHeat | ShiftHeat, title: str, told: Sequence[Block]) -> str:
-    """Return the results and ``told`` as one page without external files; ``drawn``: the results to plot.
+def html_report(found: PoseHeat | ShiftHeat, drawn: PoseHeat | ShiftHeat, title: str, blocks: Sequence[Block]) -> str:
+    """Return the results and ``blocks`` as one page without external files; ``drawn``: the results to plot.
 
     ``title``: how they were computed.
     """
     plot = Plot("Temperatures, and what they move", svg_of(picture(drawn, "")))
-    return html_page("Heat", [Paragraph(found.headline, "headline"), Paragraph(title), plot, *told])
+    return html_page("Heat", [Paragraph(found.headline, "headline"), Paragraph(title), plot, *blocks])
 
 
 def blocks(found: PoseHeat | ShiftHeat) -> list[Block]:

@@ -25,9 +25,9 @@ from pouring_robot.robot.pouring.platform_pose import POSE_COLUMNS, PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.leg_growth import LegBending, ThermalExpansion
 from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmRobot, drawing_of
-from pouring_robot.thermal.network.assembly import ThermalNetwork, simulate
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule
 from pouring_robot.thermal.network.temperature_field import TemperatureField
+from pouring_robot.thermal.network.thermal_network import ThermalNetwork, simulate
 
 
 def part_figures(

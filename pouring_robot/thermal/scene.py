@@ -23,9 +23,9 @@ from pouring_robot.robot.view.bench import PageRequest, RobotBench
 from pouring_robot.robot.view.nominal_and_actual import drawn_robot, exaggeration_for, frame_places
 from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmRobot
-from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.circuit import SOLVER
+from pouring_robot.thermal.network.heat_balance import SOLVER
 from pouring_robot.thermal.network.temperature_field import TemperatureField
+from pouring_robot.thermal.network.thermal_network import ThermalNetwork
 from pouring_robot.thermal.report import ShiftHeat
 from pouring_robot.viewer import ColourScale, Curve, Scene, SceneArrows, SceneRobot, Step, camera_on
 from pouring_robot.viewer.scene import STEEL

@@ -321,7 +321,7 @@ def calibration_100_by_1000(setting: Setting) -> Measurement:
 
 def thermal_steady(setting: Setting) -> Measurement:
     """Steady temperatures of the whole robot, every time at a pose the network has not seen."""
-    from pouring_robot.thermal.network.assembly import ThermalNetwork
+    from pouring_robot.thermal.network.thermal_network import ThermalNetwork
 
     network = ThermalNetwork(setting.drawing)
     watch = Stopwatch(setting.drawing.nominal_solver, setting.drawing.kinematics.configuration(setting.poses[0]))
@@ -333,7 +333,7 @@ def thermal_steady(setting: Setting) -> Measurement:
 
 def thermal_study(setting: Setting) -> Measurement:
     """The paper's study: temperatures, growth and closure of ten poses at twelve melt temperatures, one call."""
-    from pouring_robot.thermal.network.assembly import ThermalNetwork
+    from pouring_robot.thermal.network.thermal_network import ThermalNetwork
     from scripts.paper.thermal.study import MELTS_DEGC, POSES, draw_poses, error_sets
 
     watch = Stopwatch(setting.drawing.nominal_solver, setting.drawing.kinematics.configuration(setting.poses[0]))

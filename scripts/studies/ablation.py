@@ -25,7 +25,7 @@ from unittest.mock import patch
 import numpy as np
 
 from pouring_robot.campaign.data import Campaign
-from pouring_robot.diagnosis import cross_validation, diagnoser, searched
+from pouring_robot.diagnosis import cross_validation, diagnoser, search_and_noise
 from pouring_robot.diagnosis.discrepancy_processes import CYCLES, processes_of
 from pouring_robot.diagnosis.library import known_effects
 from pouring_robot.inference import decision, evidence, hypotheses, priors, problem, search
@@ -67,7 +67,7 @@ def _change_processes(change: Callable[[Process], Process | None]) -> None:
     def changed(*given: Any, **how: Any) -> Iterator[Process]:
         return filter(None, map(change, processes_of(*given, **how)))
 
-    for module in (diagnosing, searched):
+    for module in (diagnosing, search_and_noise):
         _put(module, "processes_of", changed)
 
 
@@ -106,7 +106,7 @@ CHOICES: dict[str, Callable[[], None]] = {
     "several length scales": _one_length,
     "chance as something unknown": partial(_without_processes, CHANCE),
     "waves in time": partial(_without_processes, CYCLES),
-    "what is unknown is no noise": lambda: _put(searched.Searched, "beside_unknown", lambda self: self),
+    "what is unknown is no noise": lambda: _put(search_and_noise.Searched, "beside_unknown", lambda self: self),
     "what data hardly show is an alternative": lambda: _put(Thresholds, "hidden", property(lambda self: 0.0)),
     "minor effects are not named": lambda: _put(diagnosing, "Thresholds", partial(Thresholds, minor_share=0.0)),
     "least share of structure": lambda: _put(diagnosing, "Thresholds", partial(Thresholds, structure_share=0.0)),

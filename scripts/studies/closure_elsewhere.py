@@ -33,9 +33,9 @@ def write(folder: Path) -> None:
     from pouring_robot.io.files import write_together
     from pouring_robot.mechanism.closure.energy import Loads
     from pouring_robot.mechanism.closure.solver import ClosureSolver
-    from pouring_robot.robot.export.assembly import Assembly
-    from pouring_robot.robot.export.closed_robot import ClosedRobot
+    from pouring_robot.robot.export.bodies_and_joints import Assembly
     from pouring_robot.robot.export.folder import exported_files
+    from pouring_robot.robot.export.tree_at_closed_pose import ClosedRobot
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring.kinematics import FourUPUKinematics
     from pouring_robot.robot.pouring.layout import load_layout

@@ -48,8 +48,8 @@ class Found:
 def write(folder: Path) -> None:
     """Export the robot in all formats, and what is expected of it."""
     from pouring_robot.io.files import write_together
-    from pouring_robot.robot.export.closed_robot import ClosedRobot
     from pouring_robot.robot.export.folder import FORMATS, exported_files
+    from pouring_robot.robot.export.tree_at_closed_pose import ClosedRobot
     from pouring_robot.robot.model import RobotModel
     from pouring_robot.robot.pouring.platform_pose import PlatformPose
     from pouring_robot.robot.pouring_robot import PouringRobot

@@ -15,7 +15,7 @@ from pouring_robot.calibration.summary import warnings_of
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.checks.flags import FlagCode
-from pouring_robot.effects.under import robots_under
+from pouring_robot.effects.robots_under_conditions import robots_under
 from pouring_robot.estimation.frames.outer import FRAMES
 from pouring_robot.estimation.map_fit import FitOptions
 from pouring_robot.estimation.measurement import MeasurementModel, Unknowns
@@ -97,7 +97,7 @@ def test_rows_with_unknown_load_are_left_out_where_the_model_depends_on_it():
     assert found.left_out.tolist() == [7, 20]
     where = ", ".join(map(str, campaign.lines[[7, 20]]))
     said = "left out, as effects of the model depend on payload_kg and other rows do not determine it: lines"
-    assert found.untold == (f"{said} {where}",)
+    assert found.not_learned == (f"{said} {where}",)
     assert not calibrate(campaign, RobotModel(), options).left_out.size
 
 
@@ -124,7 +124,7 @@ def test_effects_not_learned_at_the_angles_of_some_rows_are_reported(clean):
     wave = {"theta46_sine_1": ParameterEntry(value=0.1, unit="mrad")}
     effect = EffectEntry(effect="tilt_encoder_eccentricity", form="turns", learned="campaign", parameters=wave)
     model = RobotModel(effects=[effect], learned={"campaign": seen})
-    (told,) = calibrate(clean.campaign, model, CalibrationOptions(parameters=("drives",), choose=False)).untold
+    (told,) = calibrate(clean.campaign, model, CalibrationOptions(parameters=("drives",), choose=False)).not_learned
     assert re.fullmatch(
         r"tilt_encoder_eccentricity of .* was not learned at the angles of \d+ of 60 rows: taken as zero there", told
     )

@@ -52,7 +52,9 @@ def test_an_error_is_raised_where_no_group_could_be_tested(case, drawing):
     """Two blocks of which each alone determines a direction of the frames: neither predicts the other."""
     virtual, parts = case
     first, last = np.array_split(parts.train, 2)
-    apart = dataclasses.replace(parts, folds=(first, last), told=(np.diag([1.0, 0.0]), np.diag([0.0, 1.0])))
+    apart = dataclasses.replace(
+        parts, folds=(first, last), frame_information=(np.diag([1.0, 0.0]), np.diag([0.0, 1.0]))
+    )
     with pytest.raises(CalibrationError, match="no block of the fitted rows can be predicted"):
         select_groups(virtual.rows, virtual.measured, apart, groups_of(drawing, "centres"), Tolerances.load())
 

@@ -159,7 +159,7 @@ def test_the_time_goes_on_between_steps_while_work_can_be_copied_to_another_core
     code = """
         import os, signal, time
         from pouring_robot.cli.shared.progress import stage_bars
-        from pouring_robot.io.forked import forked
+        from pouring_robot.io.background_process import forked
         with stage_bars() as show:
             show("searching", 0, 0)
             with forked(os.getpid) as pid:

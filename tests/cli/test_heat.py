@@ -12,7 +12,7 @@ from PIL import Image
 from pouring_robot import __version__, sweep
 from pouring_robot.compensation import path
 from pouring_robot.report.plots import new_figure
-from pouring_robot.robot.export.closed_robot import configured
+from pouring_robot.robot.export.tree_at_closed_pose import configured
 from pouring_robot.robot.heat_section import HeatSection
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import load_thermal_properties

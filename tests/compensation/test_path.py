@@ -14,7 +14,7 @@ from pouring_robot.robot.model import DriveOffset
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmPath, locate_path
-from pouring_robot.thermal.network.assembly import ThermalNetwork
+from pouring_robot.thermal.network.thermal_network import ThermalNetwork
 from tests.support import BOX_LOWER, BOX_UPPER, crooked_model
 
 WANTED = np.random.default_rng(31).uniform(BOX_LOWER, BOX_UPPER, (4, 4))

@@ -30,7 +30,7 @@ from pouring_robot.estimation.identifiability import (
 )
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import BadInputError, OutputError
-from pouring_robot.io.quantities import Quantity
+from pouring_robot.io.quantity_columns import Quantity
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver

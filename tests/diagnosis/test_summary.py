@@ -41,7 +41,7 @@ from pouring_robot.diagnosis.report.sentences import (
 from pouring_robot.diagnosis.suggest.next_measurements import Separation
 from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.base import EffectParameter
-from pouring_robot.effects.facts import sources
+from pouring_robot.effects.condition_facts import sources
 from pouring_robot.estimation.intervals import value_and_half_width
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.exceptions import OutputError

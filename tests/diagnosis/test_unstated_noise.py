@@ -108,7 +108,7 @@ def test_a_kind_whose_values_the_frames_fit_exactly_has_hardly_any_noise(seed):
 def test_noise_that_does_not_settle_is_reported(drawing, monkeypatch):
     campaign = measure(drawing, seed=4).campaign
     silent = campaign.metadata.model_copy(update={"sigma_position_m": None, "sigma_rotation_rad": None})
-    monkeypatch.setattr("pouring_robot.diagnosis.searched._NOISE_ROUNDS", 1)
+    monkeypatch.setattr("pouring_robot.diagnosis.search_and_noise._NOISE_ROUNDS", 1)
     found = diagnose(damaged(campaign, metadata=silent), None, DiagnosisOptions(next_count=0))
     doubt = "the noise: its estimate had not settled when the fits ended: state it (sigma_position_mm, "
     assert any(note.startswith(doubt) for note in found.notes)

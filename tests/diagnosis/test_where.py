@@ -164,7 +164,7 @@ def test_sizes_are_reported_with_half_of_their_95_percent_interval(monkeypatch, 
 def test_time_and_load_are_both_named():
     rng = np.random.default_rng(5)
     given = scene(rng)
-    passed = given.passed
+    passed = given.elapsed
     load = (given.weight_n - given.weight_n.min()) / np.ptp(given.weight_n)
     error = moved(given, 2, 5e-4 * load) + moved(given, 0, 5e-4 * passed**2)
     bare = dataclasses.replace(given, rises={"melt": given.rises["melt"]})
@@ -176,8 +176,8 @@ def test_an_exactly_correlated_condition_is_named_as_a_rival():
     rng = np.random.default_rng(6)
     given = scene(rng)
     rises = {name: given.rises[name] for name in ("melt", "ambient")}
-    given = dataclasses.replace(given, travels={"truss_travel": 1.0 + 3.0 * given.passed}, rises=rises)
-    where = disagreements(seen(rng, given, moved(given, 2, 5e-4 * given.passed)), given, 0.01)
+    given = dataclasses.replace(given, travels={"truss_travel": 1.0 + 3.0 * given.elapsed}, rises=rises)
+    where = disagreements(seen(rng, given, moved(given, 2, 5e-4 * given.elapsed)), given, 0.01)
     (item,) = [f for f in where.findings if f.what == "condition"]
     assert {item.condition, *item.rivals} >= {"time", "truss travel"}
     assert "varied with it" in item.sentence

@@ -15,11 +15,11 @@ from pouring_robot.diagnosis.report.sentences import as_zeros_text, source_text
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
 from pouring_robot.effects.base import EffectParameter, channel, checked_forms
+from pouring_robot.effects.condition_facts import INERTIAS, held_still, sources
 from pouring_robot.effects.conditions import Conditions, bare_conditions, complete_conditions, learned_in
 from pouring_robot.effects.default_causes import causes_of
-from pouring_robot.effects.facts import INERTIAS, held_still, sources
 from pouring_robot.effects.families.drives import DriveScale, Ratio
-from pouring_robot.effects.under import robots_under
+from pouring_robot.effects.robots_under_conditions import robots_under
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.residuals import whiten
 from pouring_robot.exceptions import MissingConditionsError
@@ -136,11 +136,11 @@ def test_everything_but_forces_without_a_stated_load_can_be_tested(rows):
 def test_drives_with_vertical_axes_do_not_yield_under_weight(rows):
     """Those of the five-bar turn about the vertical: neither links nor a load exert a moment on them, in any pose."""
     given, effect = rows.conditions, all_effects(rows.conditions.robot)["drive_compliance"]
-    assert effect.acts(given) == (given.robot.name != "five_bar")
+    assert effect.can_occur(given) == (given.robot.name != "five_bar")
     # What it might carry counts, whether or not its load is stated and its links have masses.
     told_nothing = replace(rows.campaign, conditions={})
     again = CampaignRows(told_nothing, rows.model, NOISE).conditions
-    assert effect.acts(replace(again, drive_force=None)) == effect.acts(given)
+    assert effect.can_occur(replace(again, drive_force=None)) == effect.can_occur(given)
 
 
 def test_backlash_of_a_drive_that_carries_nothing_has_no_part_by_load(rows):

@@ -13,7 +13,7 @@ from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.conditions import conditions_of
 from pouring_robot.effects.nominal_rows import nominal_rows
-from pouring_robot.effects.under import RobotUnderConditions
+from pouring_robot.effects.robots_under_conditions import RobotUnderConditions
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.robot.model import RobotModel
 from pouring_robot.robot.robot import Robot
@@ -150,7 +150,7 @@ def test_any_open_chain_is_diagnosed_with_or_without_masses(tmp_path, axis, weig
     found = diagnose(table, tmp_path / "robot.yaml")
     assert found.verdict == "no_gap"
     effect = all_effects(found.model.definition)["joint_compliance"]
-    assert effect.acts(found.diagnoser.rows.conditions) == acts
+    assert effect.can_occur(found.diagnoser.rows.conditions) == acts
 
 
 def mill_under_load(folder, drives, load, base="table", end="tool", axis="1 0 0"):

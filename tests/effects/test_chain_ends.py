@@ -8,10 +8,10 @@ import pytest
 
 from pouring_robot.batch import engine_for
 from pouring_robot.effects.available import all_effects
-from pouring_robot.effects.carried import carried, chain_ends, grown_places
-from pouring_robot.effects.conditions import bare_conditions, set_apart
+from pouring_robot.effects.conditions import bare_conditions, slide_offsets_m
 from pouring_robot.effects.default_causes import causes_of
-from pouring_robot.effects.under import RobotUnderConditions
+from pouring_robot.effects.link_attachments import carried, chain_ends, grown_places
+from pouring_robot.effects.robots_under_conditions import RobotUnderConditions
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureSolver
@@ -159,9 +159,9 @@ def test_a_slide_spans_the_joints_at_its_ends():
     model = closed.mechanism.shared_model
     data = model.createData()
     pin.forwardKinematics(model, data, closed.configuration)
-    spans = drives + set_apart(robot.model.definition)
+    spans = drives + slide_offsets_m(robot.model.definition)
     for k in range(6):
         upper, lower = (data.oMi[model.getJointId(f"leg{k + 1}_{name}")].translation for name in ("s1", "u1"))
         assert abs(np.linalg.norm(upper - lower) - spans[k]) < 1e-12
     # The pouring robot's legs are measured from joint to joint.
-    np.testing.assert_allclose(set_apart(RobotModel().definition), 0.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(slide_offsets_m(RobotModel().definition), 0.0, rtol=0, atol=1e-12)

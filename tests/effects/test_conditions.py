@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from pouring_robot.effects.condition_facts import axis_over
 from pouring_robot.effects.conditions import complete_conditions
-from pouring_robot.effects.facts import axis_over
 from tests.effects.bench import EFFECTS, METADATA, REFERENCE_DEGC, ROBOT
 
 LOADS = {"leg_compliance", "tilt_drive_compliance", "truss_deflection"}
@@ -125,8 +125,8 @@ def test_without_times_the_row_number_stands_for_the_time(bench):
     assert not given.time_known
     assert axis_over(["time_s"], given).label == "row"
     assert np.array_equal(given.time_s, np.arange(len(bench.rows)))
-    assert given.passed[0] == 0.0
-    assert given.passed[-1] == 1.0
+    assert given.elapsed[0] == 0.0
+    assert given.elapsed[-1] == 1.0
 
 
 def test_an_assumed_reference_temperature_is_reported(bench):

@@ -14,7 +14,7 @@ from pouring_robot.diagnosis.amend import amended
 from pouring_robot.diagnosis.diagnose import DiagnosisOptions, diagnose
 from pouring_robot.diagnosis.suggest.next_measurements import separating_words, untestable_words
 from pouring_robot.effects import Effect, all_effects
-from pouring_robot.effects.facts import sources
+from pouring_robot.effects.condition_facts import sources
 from pouring_robot.robot.model import RobotModel
 from tests.effects.bench import Bench
 from tests.effects.plugins import EXAMPLE, GROUP, installed_example

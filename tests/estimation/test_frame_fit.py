@@ -96,8 +96,8 @@ def test_frames_of_any_arm_come_back_within_their_covariance(first, full):
     for seed in range(first, first + 20):
         case = Case(arm, seed, full)
         fit = case.fit()
-        assert len(fit.untold) == (0 if full else 3)
-        bound = WORSE * scipy.special.chdtri(12 - len(fit.untold), ONCE_IN_A_MILLION)
+        assert len(fit.undetermined) == (0 if full else 3)
+        bound = WORSE * scipy.special.chdtri(12 - len(fit.undetermined), ONCE_IN_A_MILLION)
         assert case.chi_square(fit) < bound, seed
 
 
@@ -111,10 +111,10 @@ def test_directions_that_poses_leave_open_are_reported_and_the_others_found(kind
     for seed in range(8):
         case = Case(kind, seed, full)
         fit = case.fit()
-        assert len(fit.untold) == OPEN[kind] + (0 if full else 3)
-        bound = WORSE * scipy.special.chdtri(12 - len(fit.untold), ONCE_IN_A_MILLION)
+        assert len(fit.undetermined) == OPEN[kind] + (0 if full else 3)
+        bound = WORSE * scipy.special.chdtri(12 - len(fit.undetermined), ONCE_IN_A_MILLION)
         assert case.chi_square(fit) < bound, seed
-        for shares in fit.untold:
+        for shares in fit.undetermined:
             direction = np.array([shares.get(name, 0.0) for name in NAMES])
             assert direction[NAMES.index(next(iter(shares)))] == 1.0
             step = 1e-5 / np.abs(direction).max()
@@ -129,10 +129,12 @@ def test_the_target_of_a_gantry_without_rotations_stays_at_its_start():
     frames = case.fit().frames
     np.testing.assert_allclose(frames.T_end_target.homogeneous, np.eye(4), atol=1e-12)
     straight = Case(lambda *wanted: (line(*wanted)[0], gantry(*wanted)[1]), 5, full=False, gross=0.0)
-    untold = straight.fit().untold
-    assert len(untold) == 7  # and the base may turn about the line
-    assert {next(iter(shares)) for shares in untold[:6]} == {f"tool.{c}" for c in ("tx", "ty", "tz", "rx", "ry", "rz")}
-    assert next(iter(untold[6])).startswith("base.r")
+    undetermined = straight.fit().undetermined
+    assert len(undetermined) == 7  # and the base may turn about the line
+    assert {next(iter(shares)) for shares in undetermined[:6]} == {
+        f"tool.{c}" for c in ("tx", "ty", "tz", "rx", "ry", "rz")
+    }
+    assert next(iter(undetermined[6])).startswith("base.r")
 
 
 @pytest.mark.parametrize("full", [True, False])
@@ -141,10 +143,10 @@ def test_the_pouring_platform_turns_about_y_only(drawing, clean, full):
     case = Case(arm, 1, full, gross=0.0, rows=len(poses))
     seen = case.truth.seen(poses)
     fit = fit_frames(poses, seen.position_m, seen.rotation if full else None)
-    names = [tuple(shares) for shares in fit.untold]
+    names = [tuple(shares) for shares in fit.undetermined]
     assert names.count(("tool.ty", "base.ty")) == 1
     assert {name[0] for name in names} == {"tool.ty"} | (set() if full else TARGET_TURNS)
-    (shares,) = [shares for shares in fit.untold if next(iter(shares)) == "tool.ty"]
+    (shares,) = [shares for shares in fit.undetermined if next(iter(shares)) == "tool.ty"]
     assert shares["base.ty"] == pytest.approx(-1.0, abs=1e-9)
 
 

@@ -119,7 +119,7 @@ def test_residuals_estimate_the_noise_unless_the_lack_of_fit_test_rejects():
         pure, lack = random.chisquare(12.0), random.chisquare(138.0)
         few = NoiseLevel({"position": Noise(float(np.sqrt(pure / 12.0)), "repeats", 12.0)})
         rest = NoiseLevel({"position": Noise(float(np.sqrt((pure + lack) / 150.0)))})
-        found = few.told_by(rest, {"position": 150.0}, 0.05)["position"]
+        found = few.pooled_with(rest, {"position": 150.0}, 0.05)["position"]
         told.append(found.dof == 150.0)
         left.append(found.sigma if told[-1] else 1.0)
     assert binomtest(sum(told), len(told), 0.95).pvalue > 1e-3

@@ -7,7 +7,7 @@ import pytest
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.estimation.noise import repeats
-from pouring_robot.estimation.splits import _KNOWN, _frame_columns, _inner_products, blocks, foretold, split
+from pouring_robot.estimation.splits import _KNOWN, _frame_columns, _inner_products, blocks, frames_determined, split
 from pouring_robot.exceptions import BadInputError, CalibrationError
 from pouring_robot.robot.description.definition import RobotDefinition
 from tests.campaign.simulated import damaged, write_text
@@ -148,8 +148,8 @@ def test_sessions_with_frames_of_their_own_are_determined_one_by_one(clean, wher
     frames, own = _frame_columns(campaign), np.zeros(60, dtype=bool)
     own[where] = True
     assert frames.shape == (60, 6, 18)
-    assert not foretold([_inner_products(frames[~own])], _inner_products(frames[own]))
-    assert foretold([_inner_products(frames[::2])], _inner_products(frames[1::2]))
+    assert not frames_determined([_inner_products(frames[~own])], _inner_products(frames[own]))
+    assert frames_determined([_inner_products(frames[::2])], _inner_products(frames[1::2]))
 
 
 def test_a_share_is_that_of_the_least_determined_direction():
@@ -161,6 +161,6 @@ def test_a_share_is_that_of_the_least_determined_direction():
         scaled = (part[:, None] * [1e3, 1.0, 1.0, 1e-3] for part in (first, second, axes[rows:]))
         padded = [np.pad(_inner_products(part), ((0, 1), (0, 1))) for part in scaled]
         share = np.linalg.svd(axes[:rows], compute_uv=False).min() ** 2
-        assert foretold(padded[:2], padded[2]) == (share >= _KNOWN)
+        assert frames_determined(padded[:2], padded[2]) == (share >= _KNOWN)
         known.add(share >= _KNOWN)
     assert known == {False, True}

@@ -96,7 +96,7 @@ def test_the_library_fits_the_frames_and_names_what_stays_open(name, tmp_path):
     turned = Rotation.from_rotvec(np.array(campaign.rotation_vector_rad)).as_matrix()
     lever = campaign.metadata.sigma_position_m / campaign.metadata.sigma_rotation_rad
     found = fit_frames(PoseStack(position, rotation), campaign.position_m, turned, lever)
-    assert [set(open_) for open_ in found.untold] == [{f"base.{axis}", f"tool.{axis}"} for axis in UNTOLD[name]]
+    assert [set(open_) for open_ in found.undetermined] == [{f"base.{axis}", f"tool.{axis}"} for axis in UNTOLD[name]]
     expected = left_by_frames(MACHINES[name], *read(tmp_path))
     places = found.position_residual_m / campaign.metadata.sigma_position_m
     turns = found.rotation_residual_rad / campaign.metadata.sigma_rotation_rad

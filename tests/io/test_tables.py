@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from pouring_robot.exceptions import CampaignError, TableError
-from pouring_robot.io.quantities import Quantity, read_quantities
+from pouring_robot.io.quantity_columns import Quantity, read_quantities
 from pouring_robot.io.tables import csv_text, read_table, table_of
 from pouring_robot.io.units import UNITS, to_inner
 from pouring_robot.robot.command_table import read_pose_lines

@@ -44,7 +44,7 @@ def test_poses_are_the_papers(drawing):
 def test_error_sets_are_where_the_warm_drawing_is(study, drawing):
     from pouring_robot.thermal.expansion.leg_growth import ThermalExpansion
     from pouring_robot.thermal.expansion.warm_pouring_robot import WarmRobot
-    from pouring_robot.thermal.network.assembly import ThermalNetwork
+    from pouring_robot.thermal.network.thermal_network import ThermalNetwork
 
     network = ThermalNetwork(drawing)
     assert study.moved.shape == (12, POSES, 3)

@@ -9,9 +9,9 @@ import pytest
 
 from pouring_robot.batch import engine_for
 from pouring_robot.effects import all_effects
+from pouring_robot.effects.condition_facts import sources
 from pouring_robot.effects.conditions import bare_conditions
 from pouring_robot.effects.default_causes import causes_of
-from pouring_robot.effects.facts import sources
 from pouring_robot.exceptions import BadInputError, DescriptionError, NoSolutionError, PouringRobotError
 from pouring_robot.io.typed_yaml import read_yaml, yaml_text
 from pouring_robot.mechanism.closure.redundancy import redundant_drives
@@ -334,7 +334,7 @@ def test_offsets_of_another_robots_drives_are_in_their_unit(arm):
 def test_an_exported_robot_can_be_loaded_again(name, tmp_path):
     """The exported folder is self-contained: URDF as built, robot file, no reference to the first folder."""
     from pouring_robot.robot.description.urdf import write_urdf
-    from pouring_robot.robot.export.closed_robot import ClosedRobot
+    from pouring_robot.robot.export.tree_at_closed_pose import ClosedRobot
 
     model = RobotModel.for_robot(ROBOTS / name / "robot.yaml")
     write_urdf(ClosedRobot.of(model).urdf, tmp_path / "out", model.definition.files_beside())

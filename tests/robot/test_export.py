@@ -20,12 +20,12 @@ from pouring_robot.io.files import write_together
 from pouring_robot.mechanism.arrays import rms
 from pouring_robot.mechanism.closure.energy import Loads
 from pouring_robot.mechanism.closure.solver import ClosureSolver
-from pouring_robot.robot.export.assembly import Assembly
-from pouring_robot.robot.export.closed_robot import ClosedRobot
+from pouring_robot.robot.export.bodies_and_joints import Assembly
 from pouring_robot.robot.export.folder import FORMATS, exported_files, joined_or_touching
 from pouring_robot.robot.export.joints import JointRow
 from pouring_robot.robot.export.mjcf import mjcf
 from pouring_robot.robot.export.sdf import mimic_notes
+from pouring_robot.robot.export.tree_at_closed_pose import ClosedRobot
 from pouring_robot.robot.model import DriveOffset, RobotModel
 from pouring_robot.robot.pouring_robot import robot_of
 from tests.support import ROOT, crooked_model, pose_gap, random_poses

@@ -7,7 +7,7 @@ from pouring_robot.io.temperatures import REFERENCE_DEGC, kelvin
 from pouring_robot.robot.description.urdf import description_folder
 from pouring_robot.robot.pouring.layout import load_layout
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
-from pouring_robot.thermal.network.assembly import ThermalNetwork
+from pouring_robot.thermal.network.thermal_network import ThermalNetwork
 
 PAPER = {
     "melt.temperature": 1700.0,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pouring_robot.thermal.network.assembly import ThermalNetwork
+from pouring_robot.thermal.network.thermal_network import ThermalNetwork
 
 
 @pytest.fixture(scope="session")

@@ -9,9 +9,15 @@ from scipy.constants import Stefan_Boltzmann
 from pouring_robot.exceptions import BadInputError, DescriptionError, TemperatureError, ThermalSolutionError
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
-from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.circuit import Circuit, chain_links, grey_radiation, laplacian, steady_temperatures
 from pouring_robot.thermal.network.elements import BarCells, _seen_around, link_boxes, merged
+from pouring_robot.thermal.network.heat_balance import (
+    Circuit,
+    chain_links,
+    grey_radiation,
+    laplacian,
+    steady_temperatures,
+)
+from pouring_robot.thermal.network.thermal_network import ThermalNetwork
 from pouring_robot.thermal.network.view_factors import DiscChords
 from tests.support import random_poses, unbalanced
 

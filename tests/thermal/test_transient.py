@@ -10,9 +10,9 @@ from scipy.integrate._ivp import bdf
 
 from pouring_robot.exceptions import HistoryError, TableError, TemperatureError
 from pouring_robot.robot.pouring.platform_pose import PlatformPose
-from pouring_robot.thermal.network.assembly import simulate
-from pouring_robot.thermal.network.circuit import SOLVER, Circuit, integrate
+from pouring_robot.thermal.network.heat_balance import SOLVER, Circuit, integrate
 from pouring_robot.thermal.network.history import HeatHistory, PoseSchedule, read_shift
+from pouring_robot.thermal.network.thermal_network import simulate
 from tests.support import unbalanced
 
 POSE = PlatformPose((-0.100, 0.020, -0.600), 0.2)

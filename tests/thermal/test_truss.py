@@ -10,7 +10,7 @@ from pouring_robot.robot.pouring.platform_pose import PlatformPose
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.thermal.expansion import truss as network_of_truss
 from pouring_robot.thermal.expansion.truss import TrussMotion, TrussNetwork
-from pouring_robot.thermal.network.assembly import ThermalNetwork
+from pouring_robot.thermal.network.thermal_network import ThermalNetwork
 from tests.support import unbalanced
 
 MELT_K, AMBIENT_K, ALPHA = 1973.15, 293.15, 1.2e-5

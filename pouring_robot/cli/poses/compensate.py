@@ -17,7 +17,7 @@ from pouring_robot.io.units import MM, MRAD
 if TYPE_CHECKING:
     from pouring_robot.cli.poses.heat import ThermalLaw
     from pouring_robot.compensation.pose import Compensation, DriveCompensation
-    from pouring_robot.effects.under import RobotUnderConditions
+    from pouring_robot.effects.robots_under_conditions import RobotUnderConditions
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.pouring_robot import PouringRobot
     from pouring_robot.robot.robot import Command, Robot
@@ -124,8 +124,8 @@ def _ladle(
     if heat is not None and len(found) > 1:
         options.say(warm.alone_line(heat))
     if law is not None:
-        told = law.words(*(one.wanted for one in found))
-        options.say(f"{told}; the drives follow from the paper's sum, the remaining error from the full closure")
+        summary = law.words(*(one.wanted for one in found))
+        options.say(f"{summary}; the drives follow from the paper's sum, the remaining error from the full closure")
     if robot.model.is_drawing and heat is None and under is None:
         options.print_notes(["the drawing, cold, needs no compensation; give --model, --melt-degC or both"])
     beyond = (robot.outside_workspace(one.wanted) for one in found)
@@ -203,7 +203,7 @@ def _in_bulk(asked: Asked, robot: PouringRobot, heat: HeatSection | None) -> Non
         rows = table.astype(object).where(table.notna(), None).to_dict(orient="records")
         return options.print_figures({**robot.model.named, "headline": headline, "rows": rows}, written)
     options.say(headline, style="bold")
-    options.say(f"heat: {heated.told()}")
+    options.say(f"heat: {heated.summary()}")
     if not written:
         print_rows(list(table.columns), [_cells(row) for row in table.to_numpy().tolist()])
     options.print_written(written)
@@ -256,19 +256,19 @@ def _each(
     """Return the result for each command; an error names its line in the table."""
     from pouring_robot.cli.shared.locations import in_its_unit
 
-    def told(command: Command, standing: Robot) -> Found:
+    def compensated(command: Command, standing: Robot) -> Found:
         with in_its_unit(standing, command):
             return bring(command, standing)
 
     if under is None:
-        return bundles.each(wanted, [robot] * len(wanted), asked.poses, "compensating", told)
-    from pouring_robot.effects.under import compensate_under
+        return bundles.each(wanted, [robot] * len(wanted), asked.poses, "compensating", compensated)
+    from pouring_robot.effects.robots_under_conditions import compensate_under
 
     lines = list(wanted)
 
     def at(k: int, standing: Robot) -> Found:
         with bundles.at_line(asked.poses, lines[k]):
-            return told(wanted[lines[k]], standing)
+            return compensated(wanted[lines[k]], standing)
 
     with progress.stage_bars() as show:
         found = compensate_under(under, list(wanted.values()), at, show)

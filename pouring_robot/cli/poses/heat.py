@@ -187,7 +187,7 @@ def twice_lines(robot: Robot, heat: HeatSection | None) -> tuple[str, ...]:
 
 def heat_line(heated: HeatedRobot, state: WarmState) -> str:
     """Return the heat of the robot on one line."""
-    return f"heat: {heated.told(state.field.told if state.field else '')}"
+    return f"heat: {heated.summary(state.field.summary if state.field else '')}"
 
 
 def alone_line(heat: HeatSection) -> str:

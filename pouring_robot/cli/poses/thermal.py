@@ -48,7 +48,7 @@ class Moved:
         """Refuse options that do not belong together, and impossible loads and temperatures."""
         import numpy as np
 
-        from pouring_robot.io.quantities import first_fault
+        from pouring_robot.io.quantity_columns import first_fault
 
         if self.under is None and self != Moved():
             raise BadInputError("--payload-kg, --ladle-degC and --stiffness belong to --under heat, weight or both")

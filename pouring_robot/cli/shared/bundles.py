@@ -20,7 +20,7 @@ from pouring_robot.io.units import MM, UNITS, joint_shown_in
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from pouring_robot.effects.under import RobotUnderConditions
+    from pouring_robot.effects.robots_under_conditions import RobotUnderConditions
     from pouring_robot.robot.export.joints import JointRow
     from pouring_robot.robot.heat_section import HeatSection
     from pouring_robot.robot.location import Location
@@ -145,7 +145,7 @@ class ConditionOptions:
             if self.condition:
                 raise BadInputError("nothing in the model depends on conditions: leave out --condition")
             return None
-        from pouring_robot.effects.under import RobotUnderConditions, conditions_beside
+        from pouring_robot.effects.robots_under_conditions import RobotUnderConditions, conditions_beside
 
         given: dict[str, Any] = {**options.by_name("--condition", self.condition, "time_s=3600")}
         columns = conditions_beside(beside, robot.model.definition) if isinstance(beside, Path) else dict(beside or {})
@@ -323,7 +323,7 @@ class Drawing:
             return []
         import numpy as np
 
-        from pouring_robot.robot.export.closed_robot import ClosedRobot
+        from pouring_robot.robot.export.tree_at_closed_pose import ClosedRobot
 
         tree = ClosedRobot.of(model)
         off = np.linalg.norm(tree.tips_m(row.values for row in rows) - np.asarray(tips_m), axis=1)

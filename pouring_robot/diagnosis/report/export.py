@@ -10,9 +10,9 @@ from pouring_robot.diagnosis.report.notes import note_lines
 from pouring_robot.diagnosis.report.page import html_report
 from pouring_robot.diagnosis.report.sentences import absent_sources, gap_sentence, headline, next_lines, worse_sentence
 from pouring_robot.inference.thresholds import CHANCE_DRAWS
+from pouring_robot.io.background_process import forked
 from pouring_robot.io.figures import json_text, without_nan
 from pouring_robot.io.files import check_folder, refuse_present, write_together
-from pouring_robot.io.forked import forked
 from pouring_robot.io.interrupt import stop_if_heard
 from pouring_robot.io.seeds import CHANCE_SEED
 from pouring_robot.io.units import MM

@@ -13,8 +13,8 @@ from pouring_robot.diagnosis.diagnoser import State
 from pouring_robot.diagnosis.gap import Gap, in_base, table_of
 from pouring_robot.diagnosis.learned_shape import Shape, shape_of
 from pouring_robot.effects.base import Effect
+from pouring_robot.effects.condition_facts import axis_over
 from pouring_robot.effects.conditions import RISE, Conditions
-from pouring_robot.effects.facts import axis_over
 from pouring_robot.estimation.intervals import deviations95
 from pouring_robot.estimation.kinds import KINDS, are, component_name, component_shown_in
 from pouring_robot.inference.decision import Cause

@@ -13,10 +13,10 @@ from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.cross_validation import FEWEST_VALUES
 from pouring_robot.diagnosis.gap import Gap, share_closed
 from pouring_robot.diagnosis.named_effects import FoundParameter, NamedEffect, sure_text
-from pouring_robot.diagnosis.part_of_a_turn import left_open
+from pouring_robot.diagnosis.partial_turns import left_open
 from pouring_robot.diagnosis.report.notes import note_lines, workmanship_text
 from pouring_robot.diagnosis.suggest.next_measurements import NO_POSE
-from pouring_robot.effects.facts import INERTIAS, facts_of, sources
+from pouring_robot.effects.condition_facts import INERTIAS, facts_of, sources
 from pouring_robot.estimation.intervals import value_and_half_width
 from pouring_robot.estimation.kinds import Kind, component_name, component_shown_in, unit_of
 from pouring_robot.exceptions import counted, some
@@ -366,7 +366,7 @@ def _unweighed(diagnosis: Conclusions) -> list[str]:
     """Return the effects of weight that lack masses, where a cause of drives and poses alone may stand in for them."""
     effects = diagnosis.diagnoser.library.effects
     named = (effects[found.cause.effect] for found in diagnosis.effects)
-    if not any(effect.moves_robot and not effect.needs and not effect.passes for effect in named):
+    if not any(effect.moves_robot and not effect.needs and not effect.campaign_specific for effect in named):
         return []
     untestable, robot = diagnosis.untestable.items(), diagnosis.campaign.robot
     return [effect for effect, missing in untestable if INERTIAS in sources(missing, robot)]

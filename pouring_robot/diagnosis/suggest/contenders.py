@@ -50,7 +50,7 @@ def contest(diagnosis: Findings, prospect: PredictedMeasurements) -> Contest:
         return _against_first(_descriptions(diagnosis, prospect, best))
     effects, given = diagnosis.diagnoser.library.effects, diagnosis.rows.conditions
     # No measurement shows an effect that can never move this robot.
-    idle = {name for name, effect in effects.items() if not effect.missing(given) and not effect.acts(given)}
+    idle = {name for name, effect in effects.items() if not effect.missing(given) and not effect.can_occur(given)}
     if not causes:
         return _against_first([Contender.of(NOTHING, best), *_hidden(best, prospect, idle)])
     found = []

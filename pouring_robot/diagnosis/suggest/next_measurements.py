@@ -13,13 +13,13 @@ from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.suggest.candidates import SESSION, Candidates, PredictedMeasurements, candidates, in_mm_deg
 from pouring_robot.diagnosis.suggest.contenders import Contender, contest
 from pouring_robot.effects.base import Effect
+from pouring_robot.effects.condition_facts import facts_of, held_still
 from pouring_robot.effects.conditions import LOAD, Conditions
 from pouring_robot.effects.default_causes import causes_of
-from pouring_robot.effects.facts import facts_of, held_still
 from pouring_robot.exceptions import BadInputError, counted
 from pouring_robot.inference.discrimination import Prediction, choose, expected, total
 from pouring_robot.inference.thresholds import LITTLE_NATS
-from pouring_robot.io.given import whole
+from pouring_robot.io.argument_checks import whole
 from pouring_robot.io.seeds import Stream, generator
 from pouring_robot.io.tables import rows_csv
 from pouring_robot.io.threads import one_blas_thread
@@ -276,7 +276,7 @@ def separating_words(
     ``tells`` says whether poses distinguish them at all: a zero and a joint that is turned about its axis are the same.
     """
     both = [effects[name] for name in (first, second) if name in effects]
-    ways = [(effect.driver, effect.separation(conditions)) for effect in both]
+    ways = [(effect.driver, effect.distinguishing_measurement(conditions)) for effect in both]
     known = [(driver, how) for driver, how in ways if how]
     still = [how for driver, how in known if held_still(driver, conditions)]
     free = [how for driver, how in known if not facts_of(driver, conditions.robot).by_pose]

@@ -9,8 +9,8 @@ import numpy as np
 from pouring_robot.diagnosis.discrepancy_processes import CYCLES, SIDE, Places, disagreements_of
 from pouring_robot.diagnosis.where.free_residuals import Finding, FreeResiduals, size_text
 from pouring_robot.diagnosis.where.ranks import rank_correlation
+from pouring_robot.effects.condition_facts import in_words, known_facts
 from pouring_robot.effects.conditions import Conditions
-from pouring_robot.effects.facts import in_words, known_facts
 from pouring_robot.estimation.intervals import value_and_half_width
 from pouring_robot.inference.gaussian_processes.discrepancy import Discrepancy, Summand
 from pouring_robot.inference.gaussian_processes.processes import CHANCE, CONSTANT

@@ -189,9 +189,9 @@ class Periodic(Family):
     all_main: bool = False  # whether every order is a main parameter; if not, higher ones only shape the first
 
     def __post_init__(self) -> None:
-        self.of_turn = self.period == "turn"
+        self.periodic = self.period == "turn"
         stated = tuple(drive for drive in self.drives if drive.per_turn) if self.period == "pitch" else ()
-        if self.of_turn:
+        if self.periodic:
             self.driven_by = "angles_rad"
         elif stated:
             # A drive without a stated lead has no screw, such as a linear motor among screws.
@@ -200,11 +200,11 @@ class Periodic(Family):
             self.needs = ("screw_pitch_m",)
 
     def _learned(self, conditions: Conditions, drives: Sequence[Drive], orders: int) -> list[FloatArray]:
-        if not self.of_turn:
+        if not self.periodic:
             return [np.ones(len(conditions)) for _ in drives]
         return [conditions.learned_share(drive, 2.0 * np.pi / orders) for drive in drives]
 
-    def untold(self, conditions: Conditions, form: str) -> Mapping[str, int]:
+    def rows_not_learned(self, conditions: Conditions, form: str) -> Mapping[str, int]:
         """For harmonics of a joint's turn: rows at angles far from all measured ones."""
         alone = [drive for drive in self.drives if form == drive.symbol + _ONCE]
         drives, orders = (alone, _OVAL) if alone else (self.drives, len(self.sizes))
@@ -249,7 +249,7 @@ class Periodic(Family):
             ]
 
         parameters = waves(len(self.sizes), len(self.sizes) if self.all_main else 1)
-        if not self.of_turn:  # a bent screw wobbles more the farther its nut is from the bearings
+        if not self.periodic:  # a bent screw wobbles more the farther its nut is from the bearings
             usual = conditions.mean_span_m[columns]
             along = conditions.spans[:, columns] / np.where(usual == 0.0, 1.0, usual) - 1.0
             parameters += [

@@ -2,7 +2,7 @@
 
 They use measured temperatures, also for the pouring robot; what is computed from its melt is in
 :mod:`pouring_robot.thermal.expansion.leg_growth`. ``twice_lines`` of ``cli/poses/heat.py`` warns of both at once.
-Which links carry what: :mod:`pouring_robot.effects.carried`.
+Which links carry what: :mod:`pouring_robot.effects.link_attachments`.
 """
 
 import functools
@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pouring_robot.effects.base import EffectParameter, Family, Form, channel, of_drives
-from pouring_robot.effects.carried import carried, chain_ends, grown_places, lever, standing
 from pouring_robot.effects.conditions import RISE, Conditions
+from pouring_robot.effects.link_attachments import carried, chain_ends, grown_places, joint_attachments, lever
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.drive import Drive
 
@@ -102,7 +102,7 @@ class LinkGrowth(Family):
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Uniform about its origin; single joints may deviate, the thermometer be biased, the link lag its surface."""
-        rise, std, known = conditions.rises[self.thermometer], STEEL_PPM, standing(conditions.robot)
+        rise, std, known = conditions.rises[self.thermometer], STEEL_PPM, joint_attachments(conditions.robot)
         places = {joint: lever(known[joint][1]) for joint in self.joints}
         size = _OWN * std * float(np.sqrt(np.mean([place**2 for place in places.values()])))
 
@@ -117,7 +117,7 @@ class LinkGrowth(Family):
 class LinksGrowth(Family):
     """All links and sliding drives expand, by whatever thermometers there are."""
 
-    driven_by, instead = "ambient_rise_k", "<link>_degC of any link"
+    driven_by, substitute = "ambient_rise_k", "<link>_degC of any link"
 
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
         """Any thermometer will do."""
@@ -125,7 +125,7 @@ class LinksGrowth(Family):
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """All parts by one thermometer, or each by its own, perhaps with a share of its own; parts may lag."""
-        parts = {name for name, _ in standing(conditions.robot).values()}
+        parts = {name for name, _ in joint_attachments(conditions.robot).values()}
         parts |= {name for name, drives in conditions.robot.groups.items() if drives[0].unit == "m"}
         own = [name for name in conditions.rises if name in parts]
         ways: dict[str, tuple[Sequence[str], str]] = {f"by_{name}": ((), name) for name in conditions.rises}

@@ -66,7 +66,7 @@ class _Yielding(Family):
     def __post_init__(self) -> None:
         self.needs = (f"{self.group}{FORCE}",)
 
-    def acts(self, conditions: Conditions) -> bool:
+    def can_occur(self, conditions: Conditions) -> bool:
         """Whether weight loads any of them: the robot's own, or that of what it carries or might carry.
 
         A vertical axis of a drive, or a horizontal slide, is so only within the rounding of a drawing.
@@ -147,7 +147,7 @@ class BearingCompliance(Family):
     needs = ("joint_moments",)
     shaped_by = ("weight_n",)
 
-    def acts(self, conditions: Conditions) -> bool:
+    def can_occur(self, conditions: Conditions) -> bool:
         """Whether what joints carry has a moment across their axes, beyond the rounding of a drawing."""
         about = (self._moment(conditions, joint, way) for joint, ways in self.tilts.items() for way in ways.values())
         return any(np.abs(moment).max() > _LEAST * self.load for moment in about)

@@ -27,7 +27,7 @@ class BaseDrift(Family):
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Steady with a slowly changing rate, settling, or with the logarithm of time."""
-        t = conditions.passed
+        t = conditions.elapsed
         middle = t - 0.5
         bend, turn = _moved(middle**2 - 1.0 / 12.0, "bend", 0.3), _moved(middle**3 - 0.15 * middle, "turn", 0.15)
         forms = [Form("steady", (*_moved(middle), *bend, *turn))]
@@ -69,7 +69,12 @@ class SessionOffset(Family):
         ]
         ways = {"each_session": moved, "each_session_shifted": [p for p in moved if p.unit == "mm"]}
         return tuple(
-            Form(name, tuple(p), "whether it turns", told=functools.partial(_from_mean, conditions.session, len(p)))
+            Form(
+                name,
+                tuple(p),
+                "whether it turns",
+                reporting_matrix=functools.partial(_from_mean, conditions.session, len(p)),
+            )
             for name, p in ways.items()
         )
 
@@ -85,7 +90,7 @@ class MetrologyScale(Family):
 
     shaped_by = ("ambient_rise_k",)
     moves_robot = False
-    told_apart_by = "measure a calibrated length with the same device"
+    distinguished_by = "measure a calibrated length with the same device"
 
     def forms(self, conditions: Conditions) -> tuple[Form, ...]:
         """Constant, or by air temperature where that is known: the refractive index changes by 1e-6 per kelvin."""

@@ -42,7 +42,7 @@ class FrameFit:
     # what the data do not determine: combinations of :data:`FRAME_PARAMETERS`, by name and in m and rad, that change
     # nothing that is measured. The first name of each is held: the position of the target is 0 along it, a rotation
     # stays where the fit started, for positions only at the identity.
-    untold: tuple[dict[str, float], ...]
+    undetermined: tuple[dict[str, float], ...]
     position_residual_m: FloatArray  # (n, 3) measured minus fitted position in tracker axes, in m; NaN where missing
     rotation_residual_rad: FloatArray | None  # (n, 3) rotation vectors, in rad, likewise; None for positions only
     position_scale_m: float  # robust standard deviation of a position coordinate, in m
@@ -183,12 +183,12 @@ class _Fit:
             raise FrameFitError(int(complete.sum()), FEWEST_FOR_FRAMES)
         return frame_starts(self.poses[complete], self.measured[complete], self.metres_per_rad)
 
-    def at(self, frames: OuterFrames, untold: tuple[dict[str, float], ...]) -> FrameFit:
+    def at(self, frames: OuterFrames, undetermined: tuple[dict[str, float], ...]) -> FrameFit:
         """Return the frames with their residuals."""
         position, turn = self.residual(frames)
         if not self.turned:
-            return FrameFit(frames, untold, position, None, robust_sigma(position), None)
-        return FrameFit(frames, untold, position, turn, robust_sigma(position), robust_sigma(turn))
+            return FrameFit(frames, undetermined, position, None, robust_sigma(position), None)
+        return FrameFit(frames, undetermined, position, turn, robust_sigma(position), robust_sigma(turn))
 
     def residual(self, frames: OuterFrames) -> tuple[FloatArray, FloatArray]:
         """Return measured minus expected positions, (n, 3) in m, and rotations, (n, 3) in rad; NaN if not measured."""

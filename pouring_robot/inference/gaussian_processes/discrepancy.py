@@ -27,7 +27,7 @@ from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.larger_noise import LargerNoise, OtherNoise
 from pouring_robot.inference.priors import LEFT_TO_NOISE
 from pouring_robot.inference.thresholds import LITTLE_NATS
-from pouring_robot.io.forked import forked
+from pouring_robot.io.background_process import forked
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray, Indices, rms
 
 

@@ -30,7 +30,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.mechanism.arrays import FloatArray, finite, locked
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.rotations import skew

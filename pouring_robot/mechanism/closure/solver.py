@@ -16,7 +16,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pouring_robot.exceptions import BadInputError, ClosureError
-from pouring_robot.io.given import as_tuple, expect
+from pouring_robot.io.argument_checks import as_tuple, expect
 from pouring_robot.mechanism.arrays import FloatArray, Indices, ReadOnly, numbers
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.assembly_mode import Shares, jumps, largest_turn

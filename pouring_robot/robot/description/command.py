@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pouring_robot.io.quantities import Quantity
+from pouring_robot.io.quantity_columns import Quantity
 from pouring_robot.io.units import joint_shown_in
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.description.drive import Drive

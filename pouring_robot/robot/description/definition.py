@@ -25,7 +25,7 @@ import numpy as np
 
 from pouring_robot.exceptions import DescriptionError, UnknownJointError, closest
 from pouring_robot.io.files import read_text
-from pouring_robot.io.quantities import Quantity
+from pouring_robot.io.quantity_columns import Quantity
 from pouring_robot.io.typed_yaml import validate, yaml_text
 from pouring_robot.io.units import joint_shown_in
 from pouring_robot.mechanism.arrays import FloatArray

@@ -10,7 +10,7 @@ import numpy as np
 
 from pouring_robot.batch.records import BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError, closest
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.mechanism.arrays import BoolArray, FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.closure.solver import ClosureOptions

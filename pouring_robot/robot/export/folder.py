@@ -12,16 +12,16 @@ from lxml import etree
 from lxml.builder import E
 
 from pouring_robot.exceptions import BadInputError, DescriptionError, closest
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.io.files import check_folder, write_together
-from pouring_robot.io.given import expect
 from pouring_robot.mechanism.pinocchio_model import model_of
 from pouring_robot.robot.description.untrusted import FOLDERS_VARIABLE
 from pouring_robot.robot.description.urdf import urdf_files, with_mesh_files, xml_text
-from pouring_robot.robot.export.assembly import Assembly
-from pouring_robot.robot.export.closed_robot import ClosedRobot, configured
+from pouring_robot.robot.export.bodies_and_joints import Assembly
 from pouring_robot.robot.export.joints import JointRow, joints_text
 from pouring_robot.robot.export.mjcf import mjcf
 from pouring_robot.robot.export.sdf import VERSION, sdf
+from pouring_robot.robot.export.tree_at_closed_pose import ClosedRobot, configured
 from pouring_robot.robot.robot import LOADED, Command, Robot
 from pouring_robot.viewer.shapes import read_mesh
 

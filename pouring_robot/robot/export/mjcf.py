@@ -17,8 +17,8 @@ from lxml import etree
 from pouring_robot.exceptions import DescriptionError
 from pouring_robot.mechanism.loops_file import LoopSpec
 from pouring_robot.robot.description.urdf import text, xml_text
-from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
-from pouring_robot.robot.export.closed_robot import ClosedRobot
+from pouring_robot.robot.export.bodies_and_joints import Assembly, Body, Joint, Shape
+from pouring_robot.robot.export.tree_at_closed_pose import ClosedRobot
 
 # Time constant of a loop without external load, in s, and MuJoCo's largest impedance.
 _TIME_CONSTANT, _LARGEST_IMPEDANCE = 0.02, 0.9999
@@ -63,7 +63,7 @@ def mjcf(closed: ClosedRobot, assembly: Assembly, touching: Iterable[tuple[str, 
     for one, other in touching:
         names = ("world" if body == assembly.base else assembly.called(body) for body in (one, other))
         etree.SubElement(contact, "exclude", **dict(zip(("body1", "body2"), names, strict=True)))
-    _close(etree.SubElement(root, "equality"), welds, assembly)
+    _close_loops(etree.SubElement(root, "equality"), welds, assembly)
     actuators = etree.SubElement(root, "actuator")
     # Each gives its rated force at its largest deflection, and no more beyond it.
     for joint in assembly.servos:
@@ -209,7 +209,7 @@ class _Weld:
         return cls(time, impedance, 2.0 * math.sqrt(about / along * turn / slide))
 
 
-def _close(equality: Any, welds: Mapping[str, _Weld], assembly: Assembly) -> None:
+def _close_loops(equality: Any, welds: Mapping[str, _Weld], assembly: Assembly) -> None:
     for loop in assembly.loops.loops:
         weld = welds[loop.name]
         softness = {"solref": text((weld.time_constant, 1.0)), "solimp": text((*[weld.impedance] * 2, 1e-3, 0.5, 2.0))}

@@ -14,7 +14,7 @@ from lxml.builder import E, ElementMaker
 from pouring_robot.mechanism.loops_file import LoopSpec
 from pouring_robot.mechanism.pinocchio_model import Mimic
 from pouring_robot.robot.description.urdf import text, xml_text
-from pouring_robot.robot.export.assembly import Assembly, Body, Joint, Shape
+from pouring_robot.robot.export.bodies_and_joints import Assembly, Body, Joint, Shape
 
 _DRAKE = "http://drake.mit.edu"
 # sdformat refuses a link of zero mass, and takes a link without an inertial as 1 kg.
@@ -38,7 +38,7 @@ def sdf(assembly: Assembly, loops: Literal["joints", "bushings"] = "joints") -> 
         *(etree.Comment(f" {note.replace('--', '- -')} ") for note in mimic_notes(assembly.mimics)),
         _joint(_called("fixed_to_world", assembly), "fixed", "world", _called(assembly.base, assembly)),
         *(_moving(joint, assembly) for joint in assembly.joints.values() if joint.child not in frames),
-        *((_bushing if loops == "bushings" else _closed)(loop, assembly) for loop in assembly.loops.loops),
+        *((_loop_bushing if loops == "bushings" else _loop_joint)(loop, assembly) for loop in assembly.loops.loops),
         name=assembly.name,
     )
     words = ElementMaker(nsmap={"drake": _DRAKE} if loops == "bushings" else None)
@@ -118,7 +118,7 @@ def _moving(joint: Joint, assembly: Assembly) -> Any:
     return _joint(joint.name, joint.kind, *ends, E.axis(E.xyz(text(joint.axis)), limit, dynamics))
 
 
-def _closed(loop: LoopSpec, assembly: Assembly) -> Any:
+def _loop_joint(loop: LoopSpec, assembly: Assembly) -> Any:
     """Return a loop as a joint between links, because SDF joints cannot connect frames."""
     a, b = (assembly.bodies[frame] for frame in (loop.frame_a, loop.frame_b))
     on, under = (assembly.bodies[assembly.joints[e.name].parent] if _is_frame(e, assembly) else e for e in (b, a))
@@ -126,7 +126,7 @@ def _closed(loop: LoopSpec, assembly: Assembly) -> Any:
     return _joint(name, "fixed" if loop.type == "6d" else "ball", *ends, _pose(on.pose.actInv(b.pose)))
 
 
-def _bushing(loop: LoopSpec, assembly: Assembly) -> Any:
+def _loop_bushing(loop: LoopSpec, assembly: Assembly) -> Any:
     translation, rotation = assembly.loops.stiffness_si
     rotation = rotation if loop.type == "6d" else 0.0
     said = {

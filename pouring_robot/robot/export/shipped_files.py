@@ -6,7 +6,7 @@ from pathlib import Path
 from pouring_robot.exceptions import BadInputError, OutputError
 from pouring_robot.io.cache import cache_folder, content_key
 from pouring_robot.robot.description.urdf import description_folder, shipped_folder, write_urdf
-from pouring_robot.robot.export.closed_robot import ClosedRobot
+from pouring_robot.robot.export.tree_at_closed_pose import ClosedRobot
 from pouring_robot.robot.model import RobotModel
 
 

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 from pathlib import Path
 
-from pouring_robot.io.quantities import Quantity
+from pouring_robot.io.quantity_columns import Quantity
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.robot.description.command import CommandAxis

@@ -12,7 +12,7 @@ import numpy as np
 
 from pouring_robot.batch.records import BatchCommand, BatchStart
 from pouring_robot.exceptions import BadInputError, NoSolutionError
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism

@@ -8,8 +8,8 @@ from typing import Self
 import numpy as np
 import pinocchio as pin
 
-from pouring_robot.io.given import expect
-from pouring_robot.io.quantities import Quantity
+from pouring_robot.io.argument_checks import expect
+from pouring_robot.io.quantity_columns import Quantity
 from pouring_robot.io.units import MM
 from pouring_robot.mechanism.arrays import finite
 from pouring_robot.mechanism.rotations import tilts

@@ -335,7 +335,7 @@ def transfer_matrices(plan: SweepPlan, poses: BatchCommand) -> FloatArray:
         assert isinstance(engine, CompiledEngine)  # only a star has a DH table of its chains
         found = engine.transfer_open_branch(poses.start.joints, wanted)
     else:
-        closed = engine.close(plan.model.standing(poses.drives), poses.start).require_all()
+        closed = engine.close(plan.model.actual_drive_values(poses.drives), poses.start).require_all()
         found, rotation = engine.transfer(closed, wanted), closed.rotation
     # The engine observes the end frame; the frame's origin moves with it.
     place = moved_point(found.matrix, rotation @ plan.tool_offsets_m[0])

@@ -25,10 +25,16 @@ from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.mechanism.arrays import FloatArray, Indices
 from pouring_robot.robot.pouring.layout_schema import Layout
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
-from pouring_robot.thermal.network.assembly import ThermalNetwork
-from pouring_robot.thermal.network.circuit import Circuit, grey_radiation, integrate, laplacian, steady_temperatures
 from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, link_boxes, merged
+from pouring_robot.thermal.network.heat_balance import (
+    Circuit,
+    grey_radiation,
+    integrate,
+    laplacian,
+    steady_temperatures,
+)
 from pouring_robot.thermal.network.history import HeatHistory, Placed
+from pouring_robot.thermal.network.thermal_network import ThermalNetwork
 
 GIRDER_CELLS, TROLLEY_CELLS = 36, 6
 _MELT_POINTS = 100

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from pouring_robot.batch.records import BatchClosure, BatchStart
 from pouring_robot.exceptions import BadInputError
-from pouring_robot.io.given import as_tuple, expect, whole
+from pouring_robot.io.argument_checks import as_tuple, expect, whole
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.temperatures import ZERO_CELSIUS_K
 from pouring_robot.io.threads import one_blas_thread
@@ -40,10 +40,10 @@ from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.robot.robot import Command
 from pouring_robot.thermal.expansion.leg_growth import ThermalExpansion, growth_of_drives
 from pouring_robot.thermal.expansion.truss import TrussNetwork, TrussTemperatures
-from pouring_robot.thermal.network.assembly import ThermalNetwork, simulate
-from pouring_robot.thermal.network.circuit import SOLVER
+from pouring_robot.thermal.network.heat_balance import SOLVER
 from pouring_robot.thermal.network.history import HeatHistory, Placed
 from pouring_robot.thermal.network.temperature_field import TemperatureField
+from pouring_robot.thermal.network.thermal_network import ThermalNetwork, simulate
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -76,9 +76,9 @@ class WarmRobot(PouringRobot):
         growth = growth_of_drives(np.array([expansion.leg_strain]), mechanism.loops.drives)[0]
         self._growth = dict(zip(mechanism.loops.drives, growth.tolist(), strict=True))
 
-    def standing(self, drives: FloatArray) -> FloatArray:
+    def actual_drive_values(self, drives: FloatArray) -> FloatArray:
         """Like that of every robot: command plus offset, then expanded with the leg."""
-        return np.asarray(super().standing(drives) * list(self._growth.values()))
+        return np.asarray(super().actual_drive_values(drives) * list(self._growth.values()))
 
     def built_as(self, model: RobotModel) -> Self:
         """Like that of every robot, with the same thermal expansion."""
@@ -189,7 +189,7 @@ class HeatedRobot:
         melt, ambient = self.network.temperatures_K(heat.melt_degC, heat.ambient_degC)
         return melt - ZERO_CELSIUS_K, ambient - ZERO_CELSIUS_K
 
-    def told(self, computed: str = "") -> str:
+    def summary(self, computed: str = "") -> str:
         """Return a description of the heat, with the temperatures ``computed`` of parts, if any."""
         if self.heat is None:
             return "none, the robot is at the temperature of the drawing"
@@ -324,7 +324,7 @@ class WarmPath:
 
     def close(self, drives: FloatArray, start: BatchStart) -> BatchClosure:
         """Return the closed robot for commanded drives (n, 4), in m and rad: offset, then expanded with the leg."""
-        return self.engine.close(self.robot.standing(drives) * self.growth, start, self.errors)
+        return self.engine.close(self.robot.actual_drive_values(drives) * self.growth, start, self.errors)
 
     def drives_to_end(self, closed: BatchClosure) -> FloatArray:
         """Return the end frame's Jacobian for commanded drives, (n, 6, 4): of origin (m) and rotation vector (rad)."""

@@ -5,7 +5,7 @@ import numpy as np
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.thermal.network.bodies import LINING_LAYERS, Bodies
-from pouring_robot.thermal.network.circuit import chain_links, laplacian
+from pouring_robot.thermal.network.heat_balance import chain_links, laplacian
 
 
 def constant_conductances(bodies: Bodies) -> tuple[FloatArray, float]:

@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from pouring_robot.exceptions import BadInputError, HistoryError, TableError
-from pouring_robot.io.quantities import Quantity, whole_column
+from pouring_robot.io.quantity_columns import Quantity, whole_column
 from pouring_robot.io.tables import read_table
 from pouring_robot.io.temperatures import AMBIENT_DEGC, ZERO_CELSIUS_K, kelvin, temperature_fault
 from pouring_robot.mechanism.arrays import FloatArray

@@ -9,8 +9,8 @@ from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.robot.pouring.names import CHAINS, LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties
 from pouring_robot.thermal.network.bodies import Bodies
-from pouring_robot.thermal.network.circuit import Circuit, EnergyBalance, grey_radiation
 from pouring_robot.thermal.network.elements import LegExposure
+from pouring_robot.thermal.network.heat_balance import Circuit, EnergyBalance, grey_radiation
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class TemperatureField:
         return legs | {"platform": self.platform_degC, "fixed_platform": self.fixed_platform_degC}
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """Temperatures of legs and moving platform, in words."""
         legs = "  ".join(f"{value:.0f}" for value in self.leg_degC)
         return f"legs {CHAINS[0]}-{CHAINS[-1]} {legs}, platform {self.platform_degC:.0f} degC"

@@ -23,8 +23,8 @@ from pouring_robot.thermal.expansion.displacement import DisplacementField
 from pouring_robot.thermal.expansion.leg_growth import ThermalExpansion
 from pouring_robot.thermal.expansion.truss import TrussMotion
 from pouring_robot.thermal.expansion.warm_pouring_robot import HeatedRobot, WarmRobot, WarmState
-from pouring_robot.thermal.network.assembly import ThermalNetwork
 from pouring_robot.thermal.network.temperature_field import TemperatureField
+from pouring_robot.thermal.network.thermal_network import ThermalNetwork
 from pouring_robot.thermal.regression.joint_model import JointRegression
 from pouring_robot.thermal.regression.methods import COMPONENTS, MEAN, PAPER, fit_lines, judge
 from pouring_robot.thermal.regression.table import ErrorTable

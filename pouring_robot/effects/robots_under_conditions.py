@@ -28,10 +28,10 @@ from pouring_robot.campaign.metadata import CampaignMetadata
 from pouring_robot.campaign.plan import approaches
 from pouring_robot.compensation.pose import Compensation, DriveCompensation
 from pouring_robot.effects.available import all_effects
-from pouring_robot.effects.carried import carrier, standing
-from pouring_robot.effects.conditions import of_commands, told
+from pouring_robot.effects.conditions import of_commands, recorded
+from pouring_robot.effects.link_attachments import carrier, joint_attachments
 from pouring_robot.effects.nominal_rows import nominal_rows
-from pouring_robot.effects.stack import learned_ranges, stack_of
+from pouring_robot.effects.stack_in_rows import learned_ranges, stack_of
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import (
     BadInputError,
@@ -43,9 +43,9 @@ from pouring_robot.exceptions import (
     closest,
     counted,
 )
-from pouring_robot.io.given import expect
+from pouring_robot.io.argument_checks import expect
 from pouring_robot.io.progress import Progress, say_nothing
-from pouring_robot.io.quantities import first_fault
+from pouring_robot.io.quantity_columns import first_fault
 from pouring_robot.io.tables import read_table
 from pouring_robot.io.units import UNITS, to_inner
 from pouring_robot.mechanism.arrays import FloatArray, real
@@ -184,9 +184,9 @@ class RobotUnderConditions:
             first = int(np.argmin(closure.closed)) + 1
             raise NoSolutionError(f"command {first}: no pose has these drive values; {NUMBERS}")
         nominal = nominal_rows(self.definition, engine, closure)
-        local, untold = stack_of(self.robot.model, campaign, nominal, of_commands, seen=seen)
-        changes, beyond = RowChanges.of(local, engine.structure, len(drives)), self._beyond(told(campaign))
-        self.notes = (*beyond.values(), *untold)
+        local, not_learned = stack_of(self.robot.model, campaign, nominal, of_commands, seen=seen)
+        changes, beyond = RowChanges.of(local, engine.structure, len(drives)), self._beyond(recorded(campaign))
+        self.notes = (*beyond.values(), *not_learned)
         try:
             return [self._standing(changes, k, engine.structure.site_joints) for k in range(len(drives))], changes.scale
         except TooLargeError as problem:
@@ -252,7 +252,7 @@ class RobotUnderConditions:
             mend = "in the URDF fix a separate link to it, and name that link as base_frame"
             raise DescriptionError(self.definition.path, f"{problem}; {mend}")
         carried = dict[str, pin.SE3]()
-        for joint, (link, at) in standing(self.definition).items():
+        for joint, (link, at) in joint_attachments(self.definition).items():
             if carrier(mechanism.shared_model, link).name == above.name:
                 there = at * built[joint] if joint in built else at
                 carried[joint] = there.actInv(shift * there)
@@ -260,12 +260,12 @@ class RobotUnderConditions:
             carried[above.name] = shift.inverse()
         return carried
 
-    def _beyond(self, told: Mapping[str, FloatArray]) -> dict[str, str]:
+    def _beyond(self, recorded: Mapping[str, FloatArray]) -> dict[str, str]:
         """Return, by heading, a line for each drive and condition beyond the range in which effects were learned."""
         lines = dict[str, str]()
         for heading, (low, high) in self._learned_over.items():
-            if heading in told:
-                values = told[heading]
+            if heading in recorded:
+                values = recorded[heading]
                 far = float(values[np.argmax(np.maximum(low - values, values - high))])
                 if max(low - far, far - high) > _SAME * (high - low):
                     over = f"{low:.6g} to {high:.6g}, over" if low < high else f"{low:.6g}, at"

@@ -8,8 +8,8 @@ import pytest
 from pouring_robot.campaign.nominal import PoseStack, nominal_poses
 from pouring_robot.checks.check import check_campaign
 from pouring_robot.checks.flags import FlagCode, Severity, wrong_rows
-from pouring_robot.checks.held import held_rows
 from pouring_robot.checks.smooth_errors import Aligned
+from pouring_robot.checks.stationary_target import held_rows
 from pouring_robot.mechanism.rotations import rotation_vectors
 from tests.campaign.simulated import codes
 from tests.checks.test_any_robot import EXAMPLES, Machine

@@ -7,7 +7,7 @@ import numpy as np
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.named_effects import NamedEffect
 from pouring_robot.effects.base import channel
-from pouring_robot.effects.stack import local_changes
+from pouring_robot.effects.stack_in_rows import local_changes
 from pouring_robot.inference.problem import Nuisance
 from pouring_robot.mechanism.arrays import FloatArray
 
@@ -24,7 +24,7 @@ def left_open(diagnosis: Conclusions, effect: NamedEffect) -> tuple[str, ...]:
     found: with such a curve the wave is hidden (:attr:`~pouring_robot.inference.thresholds.Thresholds.hidden`).
     """
     given, hidden = diagnosis.rows.conditions, diagnosis.diagnoser.asked.hidden
-    if not diagnosis.diagnoser.library.effects[effect.cause.effect].of_turn:
+    if not diagnosis.diagnoser.library.effects[effect.cause.effect].periodic:
         return ()
     terms = Counter(name for found in effect.parameters if found.parameter.main for name in found.parameter.changes)
     curves = local_changes([p.parameter for p in effect.parameters], [p.value for p in effect.parameters])

@@ -9,7 +9,7 @@ from pouring_robot import RobotModel, diagnose
 from pouring_robot.campaign.plan import random_plan
 from pouring_robot.campaign.simulate import MeasurementOptions, simulate_campaign
 from pouring_robot.diagnosis import DiagnosisOptions
-from pouring_robot.diagnosis.part_of_a_turn import left_open, turned_deg
+from pouring_robot.diagnosis.partial_turns import left_open, turned_deg
 from pouring_robot.diagnosis.report.sentences import effect_lines
 from pouring_robot.io.units import MRAD
 from pouring_robot.robot.robot import Robot

@@ -14,6 +14,7 @@ from pouring_robot.campaign.columns import approach_names
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.effects.available import all_effects
 from pouring_robot.effects.base import Effect, EffectParameter
+from pouring_robot.effects.condition_facts import sources
 from pouring_robot.effects.conditions import (
     FORCE,
     LOAD,
@@ -22,9 +23,8 @@ from pouring_robot.effects.conditions import (
     conditions_of,
     force_headings,
     forces_measured,
-    told,
+    recorded,
 )
-from pouring_robot.effects.facts import sources
 from pouring_robot.effects.missing_cells import CAME_FROM, rows_without
 from pouring_robot.effects.nominal_rows import NominalRows
 from pouring_robot.estimation.changes import RowChanges
@@ -53,7 +53,7 @@ def stack_of(
         MissingConditionsError: effects need conditions that are not given.
         BadInputError: an effect, a form or a parameter is unknown, in another unit, or known by the order of rows only.
     """
-    parameters, values, untold = list[EffectParameter](), list[float](), dict[str, None]()
+    parameters, values, not_learned = list[EffectParameter](), list[float](), dict[str, None]()
     known, counted, lacking = all_effects(model.definition), dict[str, Conditions](), list[MissingConditionsError]()
     for entry in model.effects:
         if entry.placed:
@@ -72,19 +72,21 @@ def stack_of(
             lacking.append(problem)
             continue
         values += [parameter.value for parameter in entry.parameters.values()]
-        for part, count in effect.untold(rows, entry.form).items():
+        for part, count in effect.rows_not_learned(rows, entry.form).items():
             where = f"{count} of {len(rows)} rows" if len(rows) > 1 else "this pose"
-            untold[f"{entry.effect} of {part} was not learned at the angles of {where}: taken as zero there"] = None
+            not_learned[f"{entry.effect} of {part} was not learned at the angles of {where}: taken as zero there"] = (
+                None
+            )
     if lacking:
         raise _together(lacking)
-    return local_changes(parameters, values), tuple(untold)
+    return local_changes(parameters, values), tuple(not_learned)
 
 
 def _parameters_of(
     model: RobotModel, entry: EffectEntry, effect: Effect, rows: Conditions, campaign: Campaign
 ) -> list[EffectParameter]:
     """Return the parameters of an entry with what they change in rows, in its order."""
-    learned, given = model.learned.get(entry.learned), told(campaign)
+    learned, given = model.learned.get(entry.learned), recorded(campaign)
     lost = [heading for heading in learned.ranges if heading not in given] if learned else []
     also, instead = _also_needed(effect, model.definition, given, lost)
     missing = tuple(dict.fromkeys((*sources(effect.missing(rows), model.definition), *also)))
@@ -155,16 +157,16 @@ def changes_by_stack(
     As :func:`stack_of`, but a condition that the campaign does not state raises a ``refusal``.
     """
     try:
-        local, untold = stack_of(model, campaign, nominal)
+        local, not_learned = stack_of(model, campaign, nominal)
     except MissingConditionsError as problem:
         raise refusal(
             f"{problem.problem}, and the campaign does not give it",
             "add it to the campaign, or remove the effect from the model file",
         ) from problem
-    return RowChanges.of(local, structure, len(campaign)), untold
+    return RowChanges.of(local, structure, len(campaign)), not_learned
 
 
-def rows_untold(model: RobotModel, campaign: Campaign) -> dict[str, Indices]:
+def rows_lacking_conditions(model: RobotModel, campaign: Campaign) -> dict[str, Indices]:
     """Return :func:`rows_without`, of conditions on which the effects of a model depend, by heading."""
     if not model.conditional:
         return {}

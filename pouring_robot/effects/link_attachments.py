@@ -12,7 +12,7 @@ from pouring_robot.robot.description.definition import RobotDefinition
 
 
 @functools.lru_cache(maxsize=16)
-def standing(robot: RobotDefinition) -> Mapping[str, tuple[str, pin.SE3]]:
+def joint_attachments(robot: RobotDefinition) -> Mapping[str, tuple[str, pin.SE3]]:
     """Return for each joint, fixed or moving, the link it is attached to and its placement in that link."""
     model = robot.mechanism().shared_model
     found: dict[str, tuple[str, pin.SE3]] = {}
@@ -45,7 +45,7 @@ def grown_places(robot: RobotDefinition, places: Collection[str]) -> list[tuple[
     """
     found = []
     for joint in places:
-        link, placed = standing(robot)[joint]
+        link, placed = joint_attachments(robot)[joint]
         found.append((joint, link, lever(placed)))
         found += [(joint, below, placed.rotation.T @ place) for below, place in carried(robot, link, places)]
     return found
@@ -72,7 +72,7 @@ def carried(robot: RobotDefinition, link: str, places: Collection[str]) -> Itera
     model, turned = robot.mechanism().shared_model, np.eye(3)
     joint = carrier(model, link)
     while joint.type == pin.FrameType.FIXED_JOINT and joint.name not in ("universe", *places):
-        link, placed = standing(robot)[joint.name]
+        link, placed = joint_attachments(robot)[joint.name]
         turned = placed.rotation @ turned
         yield link, np.asarray(turned.T @ placed.translation)
         joint = carrier(model, link)

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="co
 START = """
     import os, sys, threading, time
     from pouring_robot.exceptions import OutputError
-    from pouring_robot.io.forked import forked
+    from pouring_robot.io.background_process import forked
 """
 
 

@@ -17,7 +17,7 @@ from pouring_robot.mechanism.joint_types import EXPORTED
 from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.mechanism.pinocchio_model import Mimic
 from pouring_robot.robot.description.urdf import joint_axis, limits_of, origin_pose, robot_name
-from pouring_robot.robot.export.closed_robot import ClosedRobot
+from pouring_robot.robot.export.tree_at_closed_pose import ClosedRobot
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from pouring_robot import (
     load_loops,
     package_path,
 )
-from pouring_robot.io.given import whole
+from pouring_robot.io.argument_checks import whole
 
 
 @pytest.mark.parametrize("value", [2, np.int64(2), np.uint8(2)])

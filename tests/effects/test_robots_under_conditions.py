@@ -22,7 +22,7 @@ from pouring_robot.cli.app import main
 from pouring_robot.compensation.pose import compensate_drives
 from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.effects import all_effects
-from pouring_robot.effects.conditions import learned_in, told
+from pouring_robot.effects.conditions import learned_in, recorded
 from pouring_robot.estimation.changes import RowChanges
 from pouring_robot.exceptions import (
     BadInputError,
@@ -63,7 +63,7 @@ def given_of(campaign):
     """Return the conditions of a campaign by heading, as a user would give them."""
     drives = {quantity.canonical for quantity in campaign.robot.drive_columns}
     sides = {f"approach_q{k + 1}": campaign.approach[:, k] for k in range(4)}
-    numbers = {heading: values for heading, values in told(campaign).items() if heading not in drives}
+    numbers = {heading: values for heading, values in recorded(campaign).items() if heading not in drives}
     return sides | numbers | {"session": campaign.sessions}
 
 

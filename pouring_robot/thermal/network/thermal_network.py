@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pouring_robot.exceptions import HistoryError
-from pouring_robot.io.given import whole
+from pouring_robot.io.argument_checks import whole
 from pouring_robot.io.temperatures import kelvin
 from pouring_robot.io.threads import one_blas_thread
 from pouring_robot.mechanism.arrays import FloatArray
@@ -23,9 +23,9 @@ from pouring_robot.robot.pouring.names import LEGS
 from pouring_robot.robot.pouring.thermal_properties import ThermalProperties, load_thermal_properties
 from pouring_robot.robot.pouring_robot import PouringRobot
 from pouring_robot.thermal.network.bodies import Bodies
-from pouring_robot.thermal.network.circuit import SOLVER, Circuit, grey_radiation, integrate, steady_temperatures
 from pouring_robot.thermal.network.conduction import add_nut_contact, constant_conductances
 from pouring_robot.thermal.network.elements import FACE_NORMALS, BarCells, LegExposure, LegGrid
+from pouring_robot.thermal.network.heat_balance import SOLVER, Circuit, grey_radiation, integrate, steady_temperatures
 from pouring_robot.thermal.network.history import HeatHistory, Placed, PoseSchedule
 from pouring_robot.thermal.network.temperature_field import TemperatureField
 from pouring_robot.thermal.network.view_factors import DiscChords, hidden_view_factors

@@ -18,7 +18,7 @@ from pouring_robot.estimation.kinds import KINDS, Kind, are
 from pouring_robot.estimation.noise import NoiseLevel
 from pouring_robot.estimation.splits import Split
 from pouring_robot.inference.gaussian_processes.discrepancy import Discrepancy
-from pouring_robot.inference.gross_errors import HALF, RowResiduals, calm, gross_error_in_few_rows, gross_errors
+from pouring_robot.inference.gross_errors import HALF, RowResiduals, gross_error_in_few_rows, gross_errors, near_noise
 from pouring_robot.inference.hypotheses import Hypothesis
 from pouring_robot.inference.larger_noise import LargerNoise
 from pouring_robot.mechanism.arrays import Indices
@@ -113,7 +113,7 @@ class Searched:
         noise, component = self.diagnoser.rows.noise, self.after.fitted_rows.component
         dof = {kind: float(self.hypothesis.freedom[are(kind, component)].sum()) for kind in noise.measured}
         left = noise_left(noise, self.after, self.hypothesis)
-        return self.asked.diagnoser.rows.noise.told_by(left, dof, self.diagnoser.asked.false_names)
+        return self.asked.diagnoser.rows.noise.pooled_with(left, dof, self.diagnoser.asked.false_names)
 
     def _noise_beside_unknown(self) -> NoiseLevel:
         """Return the same without the share of something unknown, for each kind for which that is clear.
@@ -153,7 +153,7 @@ class Searched:
         left = [RowResiduals(fit.remainder, row, asked) for fit, row, asked in fits]
         deleted = [RowResiduals(fit.studentised_residual, row, asked) for fit, row, asked in fits]
         more = gross_errors((left, deleted), gone, courses)
-        if not more.size and not self.telling:  # what was found says nothing of the rows
+        if not more.size and not self.predictive:  # what was found says nothing of the rows
             rest = self.diagnoser.at_rest().every_row
             more = gross_errors([[RowResiduals(rest.residual, rest.row, fitted | ~fitted)]], gone, courses, HALF)
         if not more.size and len(given) < FEW_ROWS:
@@ -162,11 +162,11 @@ class Searched:
         return self.asked.inliers[more]
 
     @property
-    def calm(self) -> bool:
+    def near_noise(self) -> bool:
         """Whether the residuals of most fitted rows are noise, or little more."""
-        return calm(self.hypothesis.remainder)
+        return near_noise(self.hypothesis.remainder)
 
     @property
-    def telling(self) -> bool:
+    def predictive(self) -> bool:
         """Whether most fitted rows are nearly predicted by the others: what fits any row explains none."""
-        return calm(self.hypothesis.leave_one_out_residual)
+        return near_noise(self.hypothesis.leave_one_out_residual)
