@@ -51,9 +51,10 @@ def visual_model(model: pin.Model, urdf_text: str) -> pin.GeometryModel:
     try:
         return pin.buildGeomFromUrdfString(model, urdf_text, pin.GeometryType.VISUAL)
     except (ValueError, RuntimeError) as error:
-        if file := re.search(r"Could not load resource (.+)", str(error)):  # the rest is for who wrote the reader
+        # The rest is for who wrote the reader.
+        if file := re.search(r"(?<=Could not load resource ).+|package://\S+\b", str(error)):
             why = "this mesh is missing or broken; put it there, or take it out of the URDF"
-            raise DescriptionError(file[1], why) from error
+            raise DescriptionError(file[0], why) from error
         raise DescriptionError("robot description", f"its visual geometry cannot be read: {error}") from error
 
 

@@ -1,5 +1,6 @@
 """What is drawn of locations: robots with enlarged errors, a step for each, and the arrows."""
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -97,11 +98,27 @@ def test_no_pose_no_scene():
         pose_scene([])
 
 
-def test_a_robot_without_visuals_is_said_not_to_be_drawn():
-    """An empty picture would look like a fault."""
+def test_a_robot_without_visuals_is_drawn_as_lines_between_its_joints():
+    """An empty picture would look like a fault. Two lines are upper arm, with its offset, and forearm."""
     robot = Robot(RobotModel.for_robot(ROOT / "examples" / "machines" / "ur10" / "robot.yaml"))
     location = robot.location_at(np.radians([10.0, -80.0, 70.0, 10.0, 20.0, 30.0]))
-    assert [one.label for one in pose_scene([location]).robots] == [
-        "as built: not drawn, its URDF has no visuals",
-        "as commanded: not drawn, its URDF has no visuals",
+    scene = pose_scene([location])
+    assert [one.label for one in scene.robots] == [
+        "as built: lines between its joints, as its URDF has no visuals",
+        "as commanded: lines between its joints, as its URDF has no visuals",
     ]
+    lines = [item for item in scene.robots[0].visual.geometryObjects if isinstance(item.geometry, coal.Capsule)]
+    lengths = [2.0 * item.geometry.halfLength for item in lines]
+    for length in (np.hypot(0.612, 0.1719), 0.5723):
+        assert min(abs(length - one) for one in lengths) < 1e-4
+    model = location.actual.mechanism.shared_model
+    for item in lines:  # each starts in its joint and ends in a joint or frame that this carries
+        half = item.placement.rotation[:, 2] * item.geometry.halfLength
+        np.testing.assert_allclose(item.placement.translation - half, 0.0, atol=1e-9)
+        carried = [
+            model.jointPlacements[k].translation
+            for k in range(1, model.njoints)
+            if model.parents[k] == item.parentJoint
+        ]
+        carried += [one.placement.translation for one in model.frames if one.parentJoint == item.parentJoint]
+        assert min(np.linalg.norm(one - item.placement.translation - half) for one in carried) < 1e-9

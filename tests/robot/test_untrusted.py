@@ -10,7 +10,7 @@ from pouring_robot.mechanism.loops_file import LoopsFile
 from pouring_robot.mechanism.poses import bodies_at
 from pouring_robot.robot.description.first_file import first_robot_file
 from pouring_robot.robot.description.untrusted import FOLDERS_VARIABLE
-from pouring_robot.robot.description.urdf import meshes_from, urdf_files
+from pouring_robot.robot.description.urdf import meshes_from, missing_meshes, parsed, urdf_files, xml_text
 from pouring_robot.robot.description.xacro_to_urdf import run_xacro
 from pouring_robot.robot.view.nominal_and_actual import drawn_robot
 
@@ -143,11 +143,21 @@ def test_pictures_need_only_the_meshes_that_they_draw(folder):
         urdf = f"<robot name='r'><link name='a'>{body}</link><link name='b'/>{turn}</robot>"
         mechanism = ClosedChainMechanism(urdf, LoopsFile(end_frame="b", drives=("turn",)))
         bodies = bodies_at(mechanism.shared_model, [mechanism.neutral_configuration()])
-        if shown:
-            assert drawn_robot(mechanism, bodies, "r", "").name == "r"
-        else:
-            with pytest.raises(DescriptionError, match=f"package://absent/a.stl is not found.*{FOLDERS_VARIABLE}"):
-                drawn_robot(mechanism, bodies, "r", "")
+        why = "its URDF has no visuals" if shown else "a.stl is missing or broken"
+        assert drawn_robot(mechanism, bodies, "r", "").label == f"lines between its joints, as {why}"
+
+
+def test_meshes_of_another_machine_are_needed_for_pictures_alone(folder, tmp_path):
+    """Their absolute addresses are kept; a file that is there, but where descriptions may not read, is refused."""
+    there = tmp_path / "there.stl"
+    there.write_bytes(b"")
+    shape = f"<visual><geometry><mesh filename='{there}'/></geometry></visual>"
+    urdf = f"<robot name='r'><link name='a'>{shape}</link></robot>"
+    with pytest.raises(DescriptionError, match="descriptions may not read"):
+        meshes_from(urdf, folder / "deep" / "er")
+    gone = urdf.replace(str(there), "/home/nobody/there.stl")
+    assert meshes_from(gone, folder) == xml_text(parsed(gone))
+    assert missing_meshes(gone) == ["/home/nobody/there.stl"] != missing_meshes(urdf)
 
 
 @pytest.mark.parametrize("name", ["..", "../..", "."])

@@ -212,13 +212,20 @@ def meshes_from(urdf: str, folder: Path) -> str:
     for mesh in root.iter("mesh"):
         kind, _, address = mesh.get("filename", "").rpartition("://")
         if kind in ("", "file"):
-            mesh.set("filename", str(readable(address, folder)))
+            if (folder / address).exists() or not Path(address).is_absolute():  # else of another machine
+                mesh.set("filename", str(readable(address, folder)))
         elif _of_others(mesh.get("filename")):
             with contextlib.suppress(DescriptionError):  # computations do not need meshes
                 name, _, rest = address.partition("/")
                 if (file := readable(package(name, folder) / rest, folder)).is_file():
                     mesh.set("filename", str(file))
     return xml_text(root)
+
+
+def missing_meshes(urdf: str) -> list[str]:
+    """Return the addresses of the meshes of visuals that are no files, of a text from :func:`meshes_from`."""
+    names = (mesh.get("filename", "") for mesh in parsed(with_mesh_files(urdf)).iterfind("link/visual/geometry/mesh"))
+    return [name for name in names if not Path(name.removeprefix("file://")).is_file()]
 
 
 def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> Path:

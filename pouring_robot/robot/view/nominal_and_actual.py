@@ -6,19 +6,20 @@ displacement from the nominal part enlarged: translation and rotation are each m
 
 import dataclasses
 import math
-import re
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from pouring_robot.exceptions import BadInputError, DescriptionError
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import bodies_at
-from pouring_robot.robot.description.untrusted import FOLDERS_VARIABLE
 from pouring_robot.robot.description.urdf import with_mesh_files
 from pouring_robot.robot.location import Location
+from pouring_robot.robot.view.skeleton import skeleton
 from pouring_robot.viewer import GHOST_TINT, Colour, Curve, Scene, SceneArrows, SceneRobot, Step, visual_model
 
 # The largest error is drawn with about this length unless the user chooses a factor.
@@ -121,17 +122,16 @@ def drawn_robot(
 ) -> SceneRobot:
     """Return a mechanism with its joints at the poses ``bodies`` (k, joints, 4, 4), in m, ready for a scene.
 
-    Raises DescriptionError where a mesh is not found.
+    Without visuals, or where a mesh of them is not found, it is drawn as lines between its joints; the label says why.
     """
+    why = "its URDF has no visuals"
     try:
         visual = visual_model(mechanism.shared_model, with_mesh_files(mechanism.tree_urdf))
     except DescriptionError as problem:
-        if not (absent := re.search(r"package://\S+", str(problem))):
-            raise
-        said = f"the mesh {absent[0]} is not found; name the folder that holds its package in {FOLDERS_VARIABLE}"
-        raise DescriptionError("robot description", said) from problem
+        why, visual = f"{Path(problem.path).name} is missing or broken", pin.GeometryModel()
     if not visual.ngeoms:
-        label = f"{label}: not drawn, its URDF has no visuals".removeprefix(": ")
+        visual = skeleton(mechanism.shared_model)
+        label = f"{label}: lines between its joints, as {why}".removeprefix(": ")
     return SceneRobot(name, visual, bodies, reference, opacity=opacity, tint=tint, label=label)
 
 
