@@ -238,17 +238,23 @@ class FrameChecks:
     def _not_compared(self) -> None:
         """Report that too few rows have a position to fit the frames; rows out of reach are flagged as such.
 
-        Units of coordinates are checked by the linear map alone.
+        Units are checked by the linear map alone.
         """
         measured, turned = self.campaign.position_measured, self.campaign.rotation_measured.any(axis=1)
         whole, turned_only = int(measured.all(axis=1).sum()), np.flatnonzero(turned & ~measured.any(axis=1))
         if whole >= FEWEST_FOR_FRAMES or not (measured.any() or turned.any()):
             return  # distances or closures alone are not meant to be compared
-        mistakes = position_mistakes(self.campaign, self.drawing, self.data)
-        for mistake, undone in _undone((m for m in mistakes if m.code is FlagCode.POSITION_UNIT), self.data):
-            if self.data.stretched and not undone.stretched:
-                self._found(mistake.code, mistake.in_words, mistake.names, {})
-                self.data = undone
+        mistakes = position_mistakes(self.campaign, self.drawing, self.data) if self.data.stretched else ()
+        of_units = (one for one in mistakes if one.code in (FlagCode.POSITION_UNIT, FlagCode.DRIVE_UNIT))
+        tried = _undone(of_units, self.data[np.flatnonzero(measured.any(axis=1))])
+        rigid = sorted(
+            ((undone.stretch, one) for one, undone in tried if not undone.stretched), key=lambda pair: pair[0]
+        )
+        if rigid:
+            mistake, *others = (one for _, one in rigid)
+            mistake = dataclasses.replace(mistake, equals=tuple(one.message for one in others))
+            self._found(mistake.code, mistake.in_words, mistake.names, {})
+            self.data = mistake.undo(self.data) or self.data
         message = (
             "drives and measurements cannot be compared before a fit, so mistakes in axes, signs or rows are not "
             f"detected: {whole} rows have a complete position, and the two frames need {FEWEST_FOR_FRAMES}"

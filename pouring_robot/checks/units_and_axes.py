@@ -97,6 +97,11 @@ class Comparison:
         return found
 
     @property
+    def stretch(self) -> float:
+        """How far the map is from rigid along measured columns: root mean square of the logarithm of its stretches."""
+        return rms(np.log(np.linalg.norm(self.affine, axis=1)))
+
+    @property
     def stretched(self) -> bool:
         """Whether a column of positions has a unit other than the drives': the map is far from rigid along it."""
         return bool(_stretches(self.affine, 1.0).any())

@@ -563,3 +563,20 @@ def test_a_touched_plane_is_no_stuck_column(machine, beside, grave):
     (hung,) = (flag for flag in found if flag.code == FlagCode.STUCK_COLUMN)
     assert (hung.severity == Severity.ERROR) == grave
     assert ("plane" in hung.remedy) != grave
+
+
+def test_with_few_positions_a_wrong_unit_of_drives_is_named_too():
+    """One place and single coordinates of eight poses: they show that a unit is wrong, not which."""
+    folder = EXAMPLES / "machines" / "hangprinter"
+    campaign = Campaign.read(folder / "with_camera.csv", RobotDefinition.load(folder / "robot.yaml"))
+    assert not codes(check_campaign(campaign)) & {"position_unit", "drive_unit"}
+    radians = "columns 'line_a_deg', 'line_b_deg', 'line_c_deg', 'line_d_deg' seem to hold radians under a heading"
+    for changes, said in (
+        ({"drives": lambda d: d * DEG}, radians),
+        (
+            {"position_m": lambda p: p * 1e3},
+            "the measured positions seem to hold millimetres under a heading in metres",
+        ),
+    ):
+        messages = [flag.message for flag in check_campaign(damaged(campaign, **changes)) if "unit" in flag.code]
+        assert len(messages) == 1 and said in messages[0]
