@@ -325,15 +325,18 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
     drives = campaign.robot.drives
     headings = [f"'{campaign.heading(drive.column)}'" for drive in drives]
     places, same = np.arange(len(drives)), np.eye(len(drives))
+    zeros, factors = (np.array([getattr(drive, name) for drive in drives]) for name in ("zero", "factor"))
     flipped = [np.diag(np.where(places == k, -1.0, 1.0)) for k in places]
 
     def mistake(code: FlagCode, message: str, change: FloatArray, shift: float | FloatArray = 0.0) -> Mistake:
-        """Return a mistake of drives; the correct values are those given times a matrix, plus a shift."""
+        """Return a mistake of drives: commands are right once multiplied by a matrix, their values once shifted."""
         moved = np.flatnonzero((change != same).any(axis=0) | (np.asarray(shift) != 0.0))
         names = [drives[k].column for k in moved]
-        return Mistake(
-            code, message, names, lambda data: data.with_drives(drawing, lambda given: given @ change + shift)
-        )
+
+        def corrected(given: FloatArray) -> FloatArray:
+            return np.asarray(((given - zeros) / factors) @ change * factors + zeros + shift)
+
+        return Mistake(code, message, names, lambda data: data.with_drives(drawing, corrected))
 
     for kind, members in _by(campaign, "command").items():
         some = [[member] for member in members] + ([members] if len(members) > 1 else [])
@@ -351,7 +354,7 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
                 f"column {headings[k]} seems to be counted from the other end of the slide "
                 f"(a negative ratio, zero: {ends - drive.zero:.6g})"
             )
-            yield mistake(FlagCode.DRIVE_REVERSED, message, flipped[k], ends * (places == k))
+            yield mistake(FlagCode.DRIVE_REVERSED, message, flipped[k], (ends - 2.0 * drive.zero) * (places == k))
     # Turning drives may have another zero: those of controllers, and of tables of links, differ by quarter turns.
     turning = [(k, drive) for k, drive in enumerate(drives) if drive.unit == "rad"]
     for (k, drive), turn in itertools.product(turning, _QUARTER_TURNS):
@@ -364,15 +367,14 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
     # Rods, or the controller (Fanuc's third joint), keep the direction of a forearm whatever the upper arm does.
     for before, k, along in _parallel(drives, drawing):
         change = same.copy()
-        change[before, k] = -along
-        each = along * drives[before].factor / drives[k].factor  # by which a command of the one before counts
+        each = along * factors[before] / factors[k]  # by which a command of the one before counts
+        change[before, k] = -each
         named = f"'{drives[before].column}'" + ("" if abs(each) == 1.0 else f" times {abs(each):g}")
         message = (
             f"column {headings[k]} seems to count from a fixed direction, whatever '{drives[before].column}' does: the "
             f"joint itself turns by '{drives[k].column}' {'minus' if each > 0.0 else 'plus'} {named}"
         )
-        shift = along * drives[before].zero * (places == k)
-        yield mistake(FlagCode.DRIVE_ABSOLUTE, message, change, shift)
+        yield mistake(FlagCode.DRIVE_ABSOLUTE, message, change)
     for members in _by(campaign, "unit").values():  # that move joints of a kind
         for order in _orders(members):
             moved = [(k, by) for k, by in zip(members, order, strict=True) if k != by]

@@ -1,6 +1,7 @@
 """Checks of robots they were not written for: sound data pass, planted damage is found, real data raise no alarm."""
 
 import dataclasses
+import shutil
 import warnings
 from pathlib import Path
 
@@ -427,6 +428,34 @@ def test_of_equivalent_mistakes_none_takes_drives_beyond_their_limits(gantry):
     assert flags[0].code == "drives_exchanged"
     assert flags[0].columns == ("x_slide_m", "y_slide_m")
     assert "equally possible" not in flags[0].message
+
+
+@pytest.fixture(scope="module")
+def geared(tmp_path_factory):
+    """The arm with motors that do not count from the drawing's zero, some through a gear."""
+    folder = shutil.copytree(EXAMPLES / "robots", tmp_path_factory.mktemp("geared") / "robots") / "arm"
+    text = (folder / "robot.yaml").read_text()
+    for joint, more in ((2, "zero: 0.9"), (3, "zero: -0.7, ratio: -0.5"), (5, "zero: 1.2, ratio: 0.5")):
+        text = text.replace(f"column: q{joint}}}", f"column: q{joint}, {more}}}")
+    (folder / "robot.yaml").write_text(text)
+    return Machine(folder / "robot.yaml")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda c: c * [1, -1, 1, 1, 1, 1], "column 'q2_rad' seems to be counted the other way"),
+        (lambda c: c * [1, 1, DEG, 1, 1, 1], "column 'q3_rad' seems to hold radians under a heading in degrees"),
+        (lambda c: c * DEG, "seem to hold radians under a heading in degrees"),
+        (lambda c: c[:, [0, 1, 4, 3, 2, 5]], "'q3_rad' holds q5, 'q5_rad' holds q3"),
+    ],
+)
+def test_mistakes_are_of_commands_which_have_a_zero_and_a_ratio(geared, spoil, said):
+    zeros, ratios = np.array([0.0, 0.9, -0.7, 0.0, 1.2, 0.0]), np.array([1.0, 1.0, -0.5, 1.0, 0.5, 1.0])
+    values = zeros + ratios * spoil((geared.campaign.drives - zeros) / ratios)
+    assert not check_campaign(geared.campaign, geared.drawing)
+    flags = check_campaign(damaged(geared.campaign, drives=values), geared.drawing)
+    assert said in flags[0].message and len(flags) == 1
 
 
 def test_two_exchanged_drives_of_many(machine):
