@@ -1,6 +1,6 @@
-"""Smooth errors, which a correct row may have: low-order functions of pose and conditions, or of drives.
+"""Smooth errors, which a correct row may have: low-order functions of pose and conditions, or of drives, are fitted.
 
-Each row has a leave-one-out residual, scaled by its robust deviation; the loss is Huber's, then Tukey's
+Checks for gross errors and jumps look at the residuals; nothing is corrected. Each row has a leave-one-out residual, scaled by its robust deviation; the loss is Huber's, then Tukey's
 (:mod:`pouring_robot.estimation.robust`).
 """
 

@@ -1,4 +1,4 @@
-"""``pouring-robot robot``: first files for a user's own robots."""
+"""``pouring-robot robot``: starter files for a user's own robots."""
 
 from __future__ import annotations
 

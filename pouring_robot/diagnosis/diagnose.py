@@ -14,47 +14,45 @@ import numpy as np
 
 from pouring_robot.campaign.data import Campaign
 from pouring_robot.checks.check import examine
-from pouring_robot.checks.flags import FEW_ROWS, DataFlag, FlagCode, usable_without, where
+from pouring_robot.checks.flags import DataFlag, FlagCode, usable_without
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.cross_validation import CrossValidatedGap, few, held_out_in_turn
 from pouring_robot.diagnosis.diagnoser import Answer, Diagnoser, LinearState, State
 from pouring_robot.diagnosis.disagreement import free_residuals, where_of
 from pouring_robot.diagnosis.discrepancy_processes import processes_of, varied
+from pouring_robot.diagnosis.doubts import FEWEST_ROWS, beyond_linearisation, few_without_wrong_rows, noise_too_large
 from pouring_robot.diagnosis.gap import Gap, table_of
 from pouring_robot.diagnosis.library import Library
 from pouring_robot.diagnosis.report.export import write_diagnosis
 from pouring_robot.diagnosis.report.sentences import headline
-from pouring_robot.diagnosis.rows import CampaignRows, LinearRows
+from pouring_robot.diagnosis.rows import CampaignRows
 from pouring_robot.diagnosis.search_and_noise import Searched, Subset
 from pouring_robot.diagnosis.suggest.next_measurements import MOST_COUNT, USUAL_COUNT
 from pouring_robot.effects.available import chosen_effects
 from pouring_robot.effects.base import Effect
 from pouring_robot.effects.missing_cells import rows_without
-from pouring_robot.estimation.kinds import are, component_name, kind_of, unit_of
+from pouring_robot.estimation.kinds import are, component_name, kind_of
 from pouring_robot.estimation.map_fit import campaign_and_model, seen_from_one_place
-from pouring_robot.estimation.noise import NoiseLevel, largest_noise, noise_beforehand
+from pouring_robot.estimation.noise import NoiseLevel, noise_beforehand
 from pouring_robot.estimation.splits import HoldOut, Split, split
 from pouring_robot.exceptions import BadInputError, CalibrationError, CampaignError
 from pouring_robot.inference.decision import Judgement, judge, without_minor
 from pouring_robot.inference.gaussian_processes.discrepancy import Discrepancy
 from pouring_robot.inference.gross_errors import ROUNDS
 from pouring_robot.inference.hypotheses import Hypothesis
-from pouring_robot.inference.problem import Nuisance
 from pouring_robot.inference.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from pouring_robot.io.argument_checks import Options, expect, whole
 from pouring_robot.io.background_process import forked
 from pouring_robot.io.progress import Progress, say_nothing
 from pouring_robot.io.threads import one_blas_thread
-from pouring_robot.mechanism.arrays import Indices, rms
+from pouring_robot.mechanism.arrays import Indices
 from pouring_robot.report.result import Result
 from pouring_robot.robot.model import RobotModel
-from pouring_robot.robot.tolerances import Tolerances
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-_FEWEST_ROWS = 8
 _NO_ROWS: Indices = np.zeros(0, dtype=np.intp)
 
 
@@ -224,10 +222,10 @@ class _Work:
         for rows_out in (flagged, unfitting, *rows_without(self.campaign).values()):
             kept[rows_out] = False
         inliers = np.flatnonzero(kept)
-        if inliers.size < _FEWEST_ROWS:
+        if inliers.size < FEWEST_ROWS:
             raise CampaignError(
                 self.campaign.path,
-                f"only {inliers.size} rows can be used and {_FEWEST_ROWS} are needed; measure more poses",
+                f"only {inliers.size} rows can be used and {FEWEST_ROWS} are needed; measure more poses",
             )
         campaign = self.campaign.subset(inliers)
         parts, notes = _held_out(campaign, self.options.hold_out)
@@ -252,7 +250,7 @@ class _Work:
         tried = found
         for _ in range(ROUNDS):
             more = tried.gross_errors
-            if not more.size or tried.asked.inliers.size - more.size < _FEWEST_ROWS:
+            if not more.size or tried.asked.inliers.size - more.size < FEWEST_ROWS:
                 break
             self.say("leaving out rows that fit nothing", 0, 0)
             # A fit that wrong rows have pulled towards themselves is no starting point.
@@ -268,8 +266,8 @@ class _Work:
         diagnoser = found.diagnoser
         rows, before = diagnoser.rows, diagnoser.at_rest()
         free_residuals(before, rows)  # raises for too few rows now, not when ``where`` is asked for
-        misfit = self._doubted(found) or _misfit(rows, before.linear)
-        unsettled = _unsettled(found.after, found.hypothesis, diagnoser.asked)
+        misfit = few_without_wrong_rows(self.campaign, found) or noise_too_large(rows, before.linear)
+        unsettled = beyond_linearisation(found.after, found.hypothesis, diagnoser.asked)
         concluded = self._concluded(found, before, misfit, unsettled)
         larger = concluded.judgement.larger_noise
         if larger and not found.larger_noise:
@@ -347,14 +345,6 @@ class _Work:
         gap = diagnosis.hypothesis.problem.given_size
         return replace(diagnosis, misfit=misfit, judgement=judgement.disbelieved(why, gap))
 
-    def _doubted(self, found: Searched) -> str:
-        """Return which rows may be wrong, in words, if too few would remain without them; "" if there are none."""
-        rows = found.asked.inliers.size
-        wrong = found.gross_errors if rows < FEW_ROWS else found.asked.inliers[:0]
-        if not wrong.size or rows - wrong.size >= _FEWEST_ROWS:
-            return ""
-        return f"{where(self.campaign, wrong)} may be wrong, and too few rows remain without them; measure there again"
-
     def _concluded(
         self, found: Searched, before: LinearState, misfit: str, unsettled: str, *, as_noise: bool = True
     ) -> _Concluded:
@@ -407,36 +397,3 @@ def _held_out(campaign: Campaign, kind: HoldOut) -> tuple[Split | None, list[str
         if kind != "auto":
             raise
         return None, [f"no rows are held out: {problem.problem}"]
-
-
-def _unsettled(after: LinearState, hypothesis: Hypothesis, thresholds: Thresholds) -> str:
-    """Return that causes, put into the robot, do not do what they were found for, in words; "" where they do.
-
-    They are then too large to be linearised: the point where the search gave up, and no causes at work.
-    """
-    unnamed = [hypothesis.part(k) for k in hypothesis.unnamed]
-    left = hypothesis.problem.nuisance.cleared(after.linear.residual)
-    predicted = hypothesis.remainder + sum(unnamed, np.zeros(left.size))
-    if len(unnamed) == len(hypothesis.items) or rms(left - predicted) < thresholds.structure_size:
-        return ""
-    sizes = f"{rms(left):.1f} times the noise instead of the predicted {rms(predicted):.1f}"
-    return (
-        f"put into the robot, with exactly closed loops, what was found leaves {sizes}: it is too large to be credible"
-    )
-
-
-def _misfit(rows: CampaignRows, linear: LinearRows) -> str:
-    """Return which noise estimated from the residuals is too large to be noise, in words; "" where none is."""
-    robot, parameters, frames = rows.model.definition, rows.measurement.parameters, Nuisance.of(linear.free)
-    noise = rows.noise
-    sizes = zip(parameters, Tolerances.of(robot).std(parameters, robot), strict=True)
-    tolerated = (frames.cleared(size * rows.channel(one.name, linear)) for one, size in sizes)
-    limits = largest_noise(noise, linear.component, tolerated) if noise.from_residuals else {}
-    words = [
-        f"{noise[kind].sigma / si:.3g} {unit} RMS per {'coordinate' if kind == 'position' else kind}, where all errors "
-        f"within the tolerances make {limit / si:.3g} {unit}"
-        for kind, limit in limits.items()
-        for unit, si in [unit_of(kind)]
-        if noise[kind].sigma > limit
-    ]
-    return f"the residuals are too large for noise: {'; '.join(words)}" if words else ""

@@ -1,4 +1,7 @@
-"""Facts about each condition: what to record for it, how to plot over it, how to vary it to distinguish effects."""
+"""Facts about each condition: what to record for it, how to plot over it, how to vary it to distinguish effects.
+
+A new condition needs an entry here, beside its place in :mod:`pouring_robot.effects.conditions`.
+"""
 
 import functools
 from collections.abc import Callable, Iterable, Sequence

@@ -1,4 +1,4 @@
-"""Forces of weight on drives, by virtual work: a drive that yields by dq under W at height h carries -W ∂h/∂q.
+"""Generalised forces of weight on drives, by virtual work: a weight W at height h exerts -W ∂h/∂q on the drive q.
 
 Also moments of weight on the joints of an open chain, across their axes, too: of all that a joint carries.
 """

@@ -1,4 +1,7 @@
-"""Temperatures and the resulting displacements as tables, lines and pictures, for the terminal and for a page."""
+"""Temperatures and the resulting displacements as tables, lines and pictures, for the terminal and for a page.
+
+The results that it shows, and their JSON, are in :mod:`pouring_robot.thermal.report`.
+"""
 
 from collections.abc import Sequence
 from typing import Any

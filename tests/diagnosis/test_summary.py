@@ -15,8 +15,9 @@ from pouring_robot.cli.diagnose import _print
 from pouring_robot.cli.shared.options import QUIET
 from pouring_robot.diagnosis.conclusions import Conclusions
 from pouring_robot.diagnosis.cross_validation import CrossValidatedGap
-from pouring_robot.diagnosis.diagnose import _unsettled, diagnose
+from pouring_robot.diagnosis.diagnose import diagnose
 from pouring_robot.diagnosis.disagreement import free_residuals
+from pouring_robot.diagnosis.doubts import beyond_linearisation
 from pouring_robot.diagnosis.findings import Findings
 from pouring_robot.diagnosis.gap import Gap
 from pouring_robot.diagnosis.named_effects import FoundParameter
@@ -204,8 +205,8 @@ def test_no_gap_names_nothing(nothing):
 def test_a_state_without_its_causes_is_not_believed(hot):
     """The final state leaves the predicted residual; the given model leaves the whole gap."""
     ended = hot.diagnoser._state(hot.after.parameters, hot.after.values, hot.after.frames)
-    assert _unsettled(ended, hot.hypothesis, Thresholds()) == ""
-    said = _unsettled(hot.diagnoser.at_rest(), hot.hypothesis, Thresholds())
+    assert beyond_linearisation(ended, hot.hypothesis, Thresholds()) == ""
+    said = beyond_linearisation(hot.diagnoser.at_rest(), hot.hypothesis, Thresholds())
     assert "too large to be credible" in said
     assert float(said.split(" times the noise")[0].split()[-1]) > 1.5
 

@@ -1,5 +1,6 @@
-"""Compiled: poses of the chains' ends, residuals of the loops and their energy; the arrays of all kernels.
+"""Compiled by Numba: poses of the chains' ends, residuals of the loops and their energy; the arrays of all kernels.
 
+The same formulas, for one pose and in NumPy, are in ``mechanism/closure/energy.py``, against which they are tested.
 The working arrays, one workspace per thread, are made outside, so that kernels allocate nothing.
 """
 
