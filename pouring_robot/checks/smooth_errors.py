@@ -1,7 +1,7 @@
 """Smooth errors, which a correct row may have: low-order functions of pose and conditions, or of drives, are fitted.
 
-Checks for gross errors and jumps look at the residuals; nothing is corrected. Each row has a leave-one-out residual, scaled by its robust deviation; the loss is Huber's, then Tukey's
-(:mod:`pouring_robot.estimation.robust`).
+Checks for gross errors and jumps look at the residuals; nothing is corrected. Each row has a leave-one-out residual,
+scaled by its robust deviation; the loss is Huber's, then Tukey's (:mod:`pouring_robot.estimation.robust`).
 """
 
 import functools
