@@ -129,6 +129,7 @@ def calibrate(
     if refused:
         selection, answer = replace(selection, groups=()), present
     alike = repeats(campaign, np.setdiff1d(np.flatnonzero(campaign.usable), left_out))
+    progress("fitting all rows", 0, 0)
     # What held-out rows have tested is delivered as all rows determine it.
     whole = task.of_all_rows().with_noise_settled(progress)
     final = whole.fitted(selection.groups)
@@ -143,6 +144,7 @@ def calibrate(
         left_out=left_out,
         split=parts,
         noise=whole.noise,
+        noise_of_test=task.noise,
         candidates=candidates,
         selection=selection,
         refused=refused,

@@ -44,13 +44,13 @@ class CalibrationFindings(Result):
     flags: tuple[DataFlag, ...]  # findings of the data checks, and gross errors found by a fit
     left_out: Indices  # rows that are not used: gross errors, and poses or drives out of reach
     split: Split  # which rows were held out
-    noise: NoiseLevel
+    noise: NoiseLevel  # as stated, or from all rows; ``noise_of_test`` from the training rows alone
+    noise_of_test: NoiseLevel
     candidates: tuple[ParameterGroup, ...]  # the groups to choose from
     selection: Selection  # the groups kept and what was tried
     refused: Refusal | None  # what was chosen, but made held-out rows worse and is not kept; None: nothing
-    not_learned: tuple[
-        str, ...
-    ]  # effects of the model not learned where some rows are, taken as zero there; a line each
+    # effects of the model that were not learned where some rows are, taken as zero there; a line each
+    not_learned: tuple[str, ...]
     fit: Fit  # the answer, to all rows not left out, held-out ones too; its covariance is at the noise level as given
     unknown_units: tuple[str, ...]  # unit of each unknown, frames first; ``base`` has their names
     # measured minus predicted by the present robot with its frames fitted to the training rows; all rows, shape (n, K),
@@ -96,7 +96,7 @@ class CalibrationFindings(Result):
 
         In mm and mrad, of the same values as their :meth:`misfit`.
         """
-        seen, sigma = self.before[np.setdiff1d(rows, self.left_out)], self._sigma
+        seen, sigma = self.before[np.setdiff1d(rows, self.left_out)], self._sigma(self.noise)
         found = dict[str, float]()
         for unit, si, columns in (("mm", MM, length_columns(seen)), ("mrad", MRAD, slice(3, 6))):
             known = np.isfinite(seen[:, columns])
@@ -105,16 +105,15 @@ class CalibrationFindings(Result):
             found |= {f"rms_{unit}": size, f"p95_{unit}": math.sqrt(float(scipy.special.chdtri(values, 0.05))) * size}
         return found
 
+    def _sigma(self, noise: NoiseLevel) -> FloatArray:
+        """Return a noise by component of a row, (K,), in m and rad."""
+        return np.array([noise[KINDS[kind]].sigma for kind in kind_of(np.arange(self.before.shape[1]))])
+
     @property
     def held_out_scores(self) -> tuple[FloatArray, FloatArray]:
         """Scores of the held-out rows before and after, see :func:`~pouring_robot.calibration.selection.row_scores`."""
-        test = self.split.test
-        return row_scores(self.before[test], self._sigma), row_scores(self.after[test], self._sigma)
-
-    @property
-    def _sigma(self) -> FloatArray:
-        """The noise of each component of a row, (K,), in m and rad."""
-        return np.array([self.noise[KINDS[kind]].sigma for kind in kind_of(np.arange(self.before.shape[1]))])
+        test, sigma = self.split.test, self._sigma(self.noise_of_test)
+        return row_scores(self.before[test], sigma), row_scores(self.after[test], sigma)
 
     @property
     def verdict(self) -> Literal["accepted", "unchanged", "refused"]:

@@ -161,7 +161,7 @@ def split_line(calibration: CalibrationFindings) -> str:
     lines = f" ({where(calibration.campaign, left_out)})" if left_out.size else ""
     return (
         f"held out for the test: {split.test_name} ({split.test.size} rows) from {split.train.size} rows in "
-        f"{len(split.folds)} blocks; fitted in the end: all {split.rows.size}; left out: "
+        f"{len(split.folds)} blocks; then fitted: all {split.rows.size}; left out: "
         f"{counted(left_out.size, 'row')}{lines}"
     )
 

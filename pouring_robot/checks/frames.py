@@ -247,11 +247,11 @@ class FrameChecks:
         mistakes = position_mistakes(self.campaign, self.drawing, self.data) if self.data.stretched else ()
         of_units = (one for one in mistakes if one.code in (FlagCode.POSITION_UNIT, FlagCode.DRIVE_UNIT))
         tried = _undone(of_units, self.data[np.flatnonzero(measured.any(axis=1))])
-        rigid = sorted(
-            ((undone.stretch, one) for one, undone in tried if not undone.stretched), key=lambda pair: pair[0]
-        )
-        if rigid:
-            mistake, *others = (one for _, one in rigid)
+        rigid = sorted((pair for pair in tried if not pair[1].stretched), key=lambda pair: pair[1].stretch)
+        possible = [one for one, _ in rigid]
+        possible = [one for one in possible if one.of_its_headings(self.campaign)] or possible
+        if possible:
+            mistake, *others = possible
             mistake = dataclasses.replace(mistake, equals=tuple(one.message for one in others))
             self._found(mistake.code, mistake.in_words, mistake.names, {})
             self.data = mistake.undo(self.data) or self.data

@@ -33,6 +33,7 @@ ANGLE_MISTAKES = (
     (math.pi / 180.0, "degrees under a heading in radians"),
     (180.0 / math.pi, "radians under a heading in degrees"),
 )
+_HEADED = {"metres": "m", "millimetres": "mm", "radians": "rad", "degrees": "deg"}
 DRIVE_MISTAKES = {"length": LENGTH_MISTAKES, "angle": ANGLE_MISTAKES}
 LEFT_HANDED = "the axes of the measured positions are left-handed"
 HOPELESS_M, GAIN = 0.02, 0.2
@@ -160,6 +161,11 @@ class Mistake:
     names: Sequence[str]
     undo: Callable[[Comparison], Comparison | None]
     equals: tuple[str, ...] = ()  # messages of others that fit as well
+
+    def of_its_headings(self, campaign: Campaign) -> bool:
+        """Return whether the headings have the unit that the message of a wrong unit ends with."""
+        unit = _HEADED[self.message.rpartition(" ")[2]]
+        return all(campaign.heading(name).rpartition("_")[2] == unit for name in self.names)
 
     @property
     def in_words(self) -> str:
@@ -375,7 +381,7 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
             f"joint itself turns by '{drives[k].column}' {'minus' if each > 0.0 else 'plus'} {named}"
         )
         yield mistake(FlagCode.DRIVE_ABSOLUTE, message, change)
-    for members in _by(campaign, "unit").values():  # that move joints of a kind
+    for members in _by(campaign, "command").values():
         for order in _orders(members):
             moved = [(k, by) for k, by in zip(members, order, strict=True) if k != by]
             wrong = ", ".join(f"{headings[k]} holds {drives[by].column}" for k, by in moved)

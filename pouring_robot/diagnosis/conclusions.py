@@ -82,7 +82,7 @@ class Conclusions(Findings):
 
     @property
     def amended(self) -> RobotModel:
-        """The amended model; the given one where :attr:`refused` says why. Held-out rows play no part in this."""
+        """The amended model; the given one where :attr:`refused` says why."""
         return self._amended[0]
 
     @property

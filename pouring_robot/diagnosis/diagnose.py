@@ -107,9 +107,9 @@ class Diagnosis(Conclusions, Result):
     def to_dataset(self) -> xr.Dataset:
         """Return the residuals of each row of the campaign, measured minus predicted, in the tracker's axes.
 
-        ``residual_before`` is of the given model, ``residual_after`` of the amended one, with the frames fitted to
-        each: (row, component), in m and rad, NaN where nothing was measured or a row is left out. ``used`` says which
-        rows were fitted, held out or left out; ``line`` is their line in the file.
+        ``residual_before`` is of the given model, ``residual_after`` with what was found by the fitted rows, each with
+        its frames fitted: (row, component), in m and rad, NaN where nothing was measured or a row is left out. ``used``
+        says which rows were fitted, held out or left out; ``line`` is their line in the file.
         """
         import xarray as xr
 
@@ -279,24 +279,32 @@ class _Work:
             concluded = self._concluded(found, before, misfit, unsettled, as_noise=False)
         given = before.alone
         del before  # its derivatives take much memory, and those of a last fit are to come
-        return self._believed(self._diagnosis(found, given, concluded, flags, misfit), unsettled)
+        doubt = unsettled or self._refuted(concluded)
+        return self._believed(self._diagnosis(found, given, concluded, flags, misfit, doubt), doubt)
 
     def _diagnosis(
-        self, found: Searched, before: State, concluded: _Concluded, flags: tuple[DataFlag, ...], misfit: str
+        self,
+        found: Searched,
+        before: State,
+        concluded: _Concluded,
+        flags: tuple[DataFlag, ...],
+        misfit: str,
+        doubt: str,
     ) -> Diagnosis:
-        """Put together what is known of a campaign."""
+        """Put together what is known of a campaign; without ``doubt`` its causes are fitted to held-out rows, too."""
         judgement, after, hypothesis, in_turn = concluded
         subset, diagnoser = found.asked, found.diagnoser
         rows, fitted = diagnoser.rows, diagnoser.fitted
         unknown = judgement.verdict == "unknown" and bool(judgement.causes)
-        whole, final, best = diagnoser, after, hypothesis
-        if judgement.names and not fitted.all():  # beside something unknown, held-out rows confirm nothing
-            whole, final, best = diagnoser.fitted_to_all(after, hypothesis)
-        covariances = whole.covariances(best, final, unexplained=unknown)
-        parameters = whole.parameters_of(best, covariances)
         given, sigma = rows.conditions, rows.measured.sigma
         given_rows, amended_rows = before.every_row.alone, after.every_row.alone
         gaps = [Gap.between(given_rows, amended_rows, part, sigma) for part in (fitted, ~fitted) if part.any()]
+        whole, final, best = diagnoser, after, hypothesis
+        confirmed = judgement.names and not doubt and not any(gap.worse for gap in gaps)
+        if confirmed and not fitted.all():
+            whole, final, best = diagnoser.fitted_to_all(after, hypothesis)
+        covariances = whole.covariances(best, final, unexplained=unknown)
+        parameters = whole.parameters_of(best, covariances)
         return Diagnosis(
             campaign=self.campaign,
             model=self.model,
@@ -330,15 +338,17 @@ class _Work:
             next_count=self.options.next_count,
         )
 
-    def _believed(self, diagnosis: Diagnosis, unsettled: str) -> Diagnosis:
+    def _refuted(self, concluded: _Concluded) -> str:
+        """Return that causes do not predict blocks held out in turn, in words; "" where they do, or none can."""
+        causes = [self.effects[cause.effect] for cause in concluded.judgement.causes if cause.indices]  # no workmanship
+        lasting = not any(cause.campaign_specific for cause in causes)  # others no model predicts
+        return concluded.in_turn.refuted if concluded.in_turn and causes and lasting else ""
+
+    def _believed(self, diagnosis: Diagnosis, doubt: str) -> Diagnosis:
         """Return a diagnosis, in doubt of all causes where what was found does not do in the model what it should."""
         judgement = diagnosis.judgement
         # What no model can include, or does not do in it what it was found for, is no cause, however well it explains.
-        why = (diagnosis.refused if judgement.names else "") or unsettled
-        causes = [self.effects[cause.effect] for cause in judgement.causes if cause.indices]  # without workmanship
-        lasting = not any(cause.campaign_specific for cause in causes)  # others no model predicts
-        if diagnosis.in_turn and causes and not why and lasting:
-            why = diagnosis.in_turn.refuted
+        why = (diagnosis.refused if judgement.names else "") or doubt
         if not why:
             return diagnosis
         misfit = diagnosis.misfit if judgement.verdict == "unknown" else why

@@ -212,25 +212,28 @@ class Diagnoser:
 
     def settled(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis]:
         """Put in what a hypothesis found until values, scales and frames converge, with its items kept."""
-        state, hypothesis = self._converged(state, hypothesis)
+        state, hypothesis, _ = self._converged(state, hypothesis)
         return state, hypothesis.on(self.problem_at(state))
 
-    def _converged(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis]:
-        """Do the same without all other effects."""
+    def _converged(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis, float]:
+        """Do so in a problem without all other effects; also return the last step's linearity error."""
         for _ in range(_MOST_STEPS):
             state, hypothesis, moved = self._stepped(state, hypothesis)
             if not _EXACT <= moved < math.inf:
                 break
-        return state, hypothesis
+        return state, hypothesis, moved
 
     def fitted_to_all(self, state: LinearState, hypothesis: Hypothesis) -> tuple[Diagnoser, LinearState, Hypothesis]:
-        """Return what a hypothesis found as fitted to all rows, held-out ones too, its items kept.
+        """Return what a hypothesis found as fitted to all rows, held-out ones too, and by which diagnoser.
 
-        Its problem is without all other effects.
+        Its problem is without all other effects. Where this fit does not converge, or a level of workmanship vanishes,
+        the given fit is returned.
         """
         everyone = np.ones_like(self.fitted)
-        whole, state = replace(self, fitted=everyone), replace(state, fitted=everyone)
-        return whole, *whole._converged(state, self.of_every_row(state, hypothesis).settled())
+        whole, there = replace(self, fitted=everyone), replace(state, fitted=everyone)
+        there, best, moved = whole._converged(there, self.of_every_row(state, hypothesis).settled())
+        same = [one.key for one in best.fitted] == [one.key for one in hypothesis.fitted]
+        return (whole, there, best) if same and moved < _SETTLED else (self, state, hypothesis)
 
     def _stepped(self, state: LinearState, hypothesis: Hypothesis) -> tuple[LinearState, Hypothesis, float]:
         """Put in what a hypothesis found and settle it there without other effects; also return the linearity error."""

@@ -63,7 +63,7 @@ class Findings:
 
     @property
     def overfitted(self) -> bool:
-        """Whether the amended model has larger errors in held-out rows than the given one."""
+        """Whether what was found by the fitted rows has larger errors in held-out ones than the given model."""
         gaps = self.held_out, self.in_turn.gap if self.in_turn else None
         return any(gap is not None and gap.worse for gap in gaps)
 

@@ -28,7 +28,7 @@ class Shape:
 
 
 def shape_of(diagnosis: Conclusions, effect: NamedEffect) -> Shape | None:
-    """Return the shape of what an effect moves most; None where the textbook's is within its 95 % band, RMS."""
+    """Return the shape of what an effect moves most; None where it is the textbook's up to chance (95 %)."""
     parameters = [found.parameter for found in effect.parameters]
     if all(p.main for p in parameters) or not effect.cause.indices:
         return None
@@ -40,10 +40,12 @@ def shape_of(diagnosis: Conclusions, effect: NamedEffect) -> Shape | None:
     }
     most = max(moves, key=lambda name: float(np.square(moves[name] @ values).sum()))
     main = np.array([p.main for p in parameters])
-    std = largest_std(moves[most] @ diagnosis.units_of(effect), diagnosis.covariances)
+    units = diagnosis.units_of(effect)
     learned, textbook = moves[most] @ values, moves[most] @ (main * values)
-    if rms(learned - textbook) <= deviations95(diagnosis.rows.noise.dof) * rms(std):
+    apart = largest_std(moves[most] @ (~main[:, None] * units), diagnosis.covariances)
+    if rms(learned - textbook) <= deviations95(diagnosis.noise.dof) * rms(apart):
         return None
+    std = largest_std(moves[most] @ units, diagnosis.covariances)
     unit, factor = _unit(diagnosis, most)
     axis = _driving_axis(diagnosis, effect, most)
     return Shape(most, unit, axis, learned / factor, std / factor, textbook / factor)

@@ -1,8 +1,8 @@
-"""Whole blocks held out: one for the test, which no fit uses; the others validate each other in turn.
+"""Whole blocks held out: one for the test, which no choice uses; the others validate each other in turn.
 
 A calibration chooses groups of parameters by the others (``calibration/selection.py``) and is refused where the test
-block is predicted worse; a diagnosis reports how well the amended model predicts the test block, and, where that is
-small, each block from all others, also from later ones (``diagnosis/cross_validation.py``).
+block is predicted worse; a diagnosis reports how well what it found by the others predicts the test block, and, where
+that is small, each block from all others, also from later ones (``diagnosis/cross_validation.py``).
 
 If a block alone determines a direction of the outer frames, the other rows cannot predict it: if only its poses have
 the tool upside down, the others leave target and base open against each other along the vertical. Such a block is not
@@ -42,9 +42,8 @@ class Split:
     test: Indices  # rows of the test block: no choice uses them; they may refuse a calibration as a whole
     test_name: str  # the block's name
     folds: tuple[Indices, ...]  # blocks of the other rows; each may validate fits to others
-    frame_information: tuple[
-        FloatArray, ...
-    ]  # information of each fold on the outer frames: inner products of columns, (k, k)
+    # information of each fold on the outer frames: inner products of columns, (k, k)
+    frame_information: tuple[FloatArray, ...]
 
     @property
     def train(self) -> Indices:

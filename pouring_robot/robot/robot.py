@@ -35,8 +35,6 @@ from pouring_robot.mechanism.local_parameters import LocalParameter, drive_param
 from pouring_robot.mechanism.transfer import closed_chain_transfer
 from pouring_robot.robot.command_table import read_command_lines
 from pouring_robot.robot.description.definition import RobotDefinition
-from pouring_robot.robot.description.untrusted import FOLDERS_VARIABLE
-from pouring_robot.robot.description.urdf import missing_meshes, parsed
 from pouring_robot.robot.inverse import InverseSolution, Target, search, starts_near
 from pouring_robot.robot.location import OUT_OF_REACH, Location, error_dataset, frames_of
 from pouring_robot.robot.model import RobotModel
@@ -217,13 +215,10 @@ class Robot:
     @property
     def picture_notes(self) -> tuple[str, ...]:
         """Notes on its pictures, a line each."""
-        lines = "pictures show lines between its joints"
-        if parsed(self.drawing.mechanism.urdf).find("link/visual") is None:
-            return (f"the description draws no link: {lines}",)
-        if lost := missing_meshes(self.drawing.mechanism.tree_urdf):
-            mend = f"put it there, or name the folder that holds its package in {FOLDERS_VARIABLE}"
-            return (f"{lost[0]} is missing: {lines}; {mend}",)
-        return ()
+        from pouring_robot.robot.visuals import visuals  # pictures only
+
+        _, why, mend = visuals(self.drawing.mechanism)
+        return (f"pictures show lines between its joints, as {why}; {mend}",) if why else ()
 
     def read_commands(self, path: Path, beside: Iterable[str] = ()) -> Mapping[int, Command]:
         """Read commands by line number from a table, which may also have columns ``beside``, or raise TableError."""

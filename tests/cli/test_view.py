@@ -51,7 +51,9 @@ def test_a_robot_gets_a_bench(shown, capsys):
 def test_a_robot_that_nobody_drew_is_shown_with_a_word(shown, capsys):
     for path, said in (("machines/ur10", True), ("robots/delta", False)):
         assert main(["view", "--no-browser", "--robot", str(ROOT / "examples" / path / "robot.yaml")]) == 0
-        assert ("the description draws no link" in " ".join(capsys.readouterr().out.split())) is said
+        assert (
+            "lines between its joints, as its URDF has no visuals" in " ".join(capsys.readouterr().out.split())
+        ) is said
 
 
 def test_a_path_and_a_campaign_play(shown, tmp_path, capsys):

@@ -157,11 +157,11 @@ def test_no_rival_is_better_than_the_cause(hot):
     assert min(margins.values()) > 5.0
 
 
-def test_each_state_has_the_gap_that_the_report_gives(hot):
+def test_each_state_has_the_gap_of_its_model(hot):
     drawing, amended = seen_states(hot)
     assert (drawing.name, amended.name) == ("drawing", "amended model")
     # The target's origin through the frames of each state against whitened residuals: the same gap by two routes.
-    for state, seen in ((drawing, hot.before), (amended, hot.after)):
+    for state, seen in ((drawing, hot.before), (amended, hot.final.state)):
         target = seen.frames.T_end_target.homogeneous
         gap = ((state.measured - state.model) @ target)[:, :3, 3] @ seen.frames.T_tracker_base.rotation.T
         residual = np.full((len(gap), 6), np.nan)

@@ -53,22 +53,38 @@ def test_the_learned_shape_is_what_the_machine_does(core):
 
 
 def test_the_band_is_as_wide_as_the_standard_deviations_of_the_parameters(core, monkeypatch):
-    """Twice that of a fourth of the covariance; drawn by Student's t, 2.57 deviations at five degrees of freedom."""
+    """By the larger of two covariances; drawn by Student's t, 2.57 deviations at five degrees of freedom."""
     found = core[1]
     (effect,) = found.firm
     own = found.final.hypothesis.coefficients()[1]
-    wider = replace(found, covariances=(own, 4.0 * own), noise=NoiseLevel({"position": Noise(1e-4, "repeats", 5.0)}))
+    wider = replace(found, covariances=(0.25 * own, own), noise=NoiseLevel({"position": Noise(1e-4, "repeats", 5.0)}))
     std, drawn = shape_of(found, effect).std, []
-    np.testing.assert_allclose(shape_of(wider, effect).std, 2.0 * std, rtol=1e-9)
+    np.testing.assert_allclose(shape_of(wider, effect).std, std, rtol=1e-9)
     bar = Axes.errorbar
     monkeypatch.setattr(Axes, "errorbar", lambda *told, **how: drawn.append(told[3]) or bar(*told, **how))
     plots(wider)
-    np.testing.assert_allclose(np.sort(drawn[0]), np.sort(2.0 * 2.5706 * std), rtol=1e-4)
+    np.testing.assert_allclose(np.sort(drawn[0]), np.sort(2.5706 * std), rtol=1e-4)
 
 
 def test_it_is_drawn_next_to_the_textbooks_shape(core):
     drawn = dict(plots(core[1]))
     assert "main parameters alone" in next(svg for title, svg in drawn.items() if title.startswith("What each effect"))
+
+
+def test_a_shape_within_chance_of_the_textbooks_is_none(core):
+    """The covariance is scaled until the shaping part is 1.9, then 2.1 of its standard deviations, RMS."""
+    found = core[1]
+    (effect,) = found.firm
+    shape, units = shape_of(found, effect), found.units_of(effect)
+    parameters = [one.parameter for one in effect.parameters]
+    moves = np.column_stack([np.broadcast_to(p.changes.get(shape.channel, 0.0), shape.std.shape) for p in parameters])
+    shaping = moves @ (np.array([not p.main for p in parameters])[:, None] * units)
+    own = found.covariances[0]
+    size = np.sqrt(np.mean(((shape.learned - shape.textbook) * 1e-3) ** 2))
+    spread = np.sqrt(np.mean(np.einsum("nk,kl,nl->n", shaping, own, shaping)))
+    for times, drawn in ((1.9, False), (2.1, True)):
+        scaled = replace(found, covariances=((size / spread / times) ** 2 * own,))
+        assert (shape_of(scaled, effect) is not None) is drawn
 
 
 def test_a_textbook_effect_has_no_learned_shape(tmp_path):

@@ -71,7 +71,7 @@ def _inside(frames: OuterFrames, rotation: FloatArray, position_m: FloatArray) -
 
 def seen_states(diagnosis: Conclusions) -> list[ModelledState]:
     """Return the drawing, the model given if it differs, and the amended model if there is one."""
-    rows, before, after = diagnosis.rows, diagnosis.before, diagnosis.after
+    rows, before, after = diagnosis.rows, diagnosis.before, diagnosis.final.state
     given = ModelledState.of("model given", rows, rows.changes(before.parameters, before.values), before.frames)
     states = _drawing_and(given, rows)
     if diagnosis.changed:

@@ -93,8 +93,9 @@ def _left_out_lines(diagnosis: Conclusions) -> Iterator[str]:
     by_session = [e.cause.effect for e in diagnosis.effects if effects[e.cause.effect].driver == "session"]
     if by_session and not np.isin(session[~diagnosis.fitted], session[diagnosis.fitted]).all():
         yield (
-            f"no other session shows what {', '.join(by_session)} is in {diagnosis.held_out_name}, which is held out; "
-            "with --hold-out region the held-out rows show how much of the gap it causes"
+            f"no other session shows what {', '.join(by_session)} is in {diagnosis.held_out_name}, which is held out "
+            "(a value for it is from its own rows); with --hold-out region the held-out rows show how much of the gap "
+            "it causes"
         )
     if diagnosis.model.robot is not None:
         yield "no ladles.html: measured ladles are drawn for the pouring robot only"
@@ -154,7 +155,7 @@ def workmanship_text(diagnosis: Conclusions) -> str:
     """Return how large the joint errors are that no cause names, in words; "" if there are none or nothing is named."""
     named = {found.cause.effect for found in diagnosis.effects if not found.cause.indices}
     sizes = dict[str, float]()
-    levels = zip(diagnosis.diagnoser.library.workmanship.items(), diagnosis.hypothesis.levels, strict=True)
+    levels = zip(diagnosis.diagnoser.library.workmanship.items(), diagnosis.final.hypothesis.levels, strict=True)
     for (effect, form), level in levels:
         if level and effect not in named:
             for p in form.parameters:

@@ -70,12 +70,11 @@ def _rows_used(diagnosis: Conclusions) -> str:
     held, played = "none held out", ""
     if diagnosis.held_out_name:
         held = f"{int((~diagnosis.fitted).sum())} held out ({diagnosis.held_out_name})"
-        played = " Held-out rows were used neither for selection nor for fitting."
+        played = " Held-out rows were used neither for selection nor for the fit whose residuals are shown."
     if diagnosis.in_turn:
-        played = (
-            " Held-out rows were used neither for selection nor for fitting of the amended model; as each block was "
-            "held out in turn, they influenced how sure a cause is."
-        )
+        played = f"{played.removesuffix('.')}; as each block was held out in turn, they influenced how sure a cause is."
+    if diagnosis.held_out_name and diagnosis.final.diagnoser.fitted.all():
+        played += " The amended model was then fitted to all rows."
     return (
         f"{diagnosis.campaign.path.name}: {int(diagnosis.fitted.sum())} rows fitted, {held}, {diagnosis.left_out.size} "
         f"left out as gross errors or copies; noise {sigma:.3g} mm ({noise[noise.length_kind].source}).{played}"

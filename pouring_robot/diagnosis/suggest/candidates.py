@@ -145,7 +145,7 @@ class PredictedMeasurements:
     """Explanations of a campaign, with their predictions of possible measurements."""
 
     def __init__(self, diagnosis: Findings, possible: Candidates) -> None:
-        """Linearise the rows of the campaign at the diagnosis's final state, and the new ones as drawn."""
+        """Linearise the rows of the campaign with what the fitted ones show, and the new ones as drawn."""
         old, self._after = diagnosis.rows, diagnosis.after
         rows = CampaignRows(_together(old.campaign, possible, diagnosis), diagnosis.model, old.noise)
         changes = old.changes(self._after.parameters, self._after.values).among(np.arange(len(old)), len(rows))

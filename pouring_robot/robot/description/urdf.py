@@ -22,6 +22,7 @@ from pouring_robot.mechanism.joint_types import BOUNDED, UNITS
 from pouring_robot.robot.description.untrusted import package, readable
 
 MESH_PACKAGE = "package://pouring_robot_description/meshes"
+_FOREIGN = "file://"
 _ROUND_OFF = 1e-15
 _FARTHEST = 30.0
 """How far a centre of mass may be, over the length of all joints plus a metre: one in mm is a thousand times off."""
@@ -200,32 +201,37 @@ def with_mesh_files(urdf: str) -> str:
 
 
 def _of_others(address: str) -> bool:
-    """Return whether a mesh is in another package than ours."""
+    """Return whether a mesh is in another package than ours, or on another machine."""
+    if address.startswith(_FOREIGN):
+        return not _exists(address.removeprefix(_FOREIGN))
     return address.startswith("package://") and not address.startswith(MESH_PACKAGE)
 
 
+def _exists(path: str) -> bool:
+    with contextlib.suppress(OSError):  # a name that is too long, or in a folder that nobody may read
+        return Path(path).exists()
+    return False
+
+
 def meshes_from(urdf: str, folder: Path) -> str:
-    """Return the URDF with absolute addresses of meshes: of files, and of those in packages that can be found."""
+    """Return the URDF with absolute addresses of meshes: of files, and of those in packages that can be found.
+
+    Those of another machine, which computations do not need, start with file://.
+    """
     if "<mesh" not in urdf:
         return urdf
     root = parsed(urdf)
     for mesh in root.iter("mesh"):
         kind, _, address = mesh.get("filename", "").rpartition("://")
         if kind in ("", "file"):
-            if (folder / address).exists() or not Path(address).is_absolute():  # else of another machine
-                mesh.set("filename", str(readable(address, folder)))
+            foreign = Path(address).is_absolute() and not _exists(address)  # on another machine
+            mesh.set("filename", f"{_FOREIGN}{address}" if foreign else str(readable(address, folder)))
         elif _of_others(mesh.get("filename")):
             with contextlib.suppress(DescriptionError):  # computations do not need meshes
                 name, _, rest = address.partition("/")
                 if (file := readable(package(name, folder) / rest, folder)).is_file():
                     mesh.set("filename", str(file))
     return xml_text(root)
-
-
-def missing_meshes(urdf: str) -> list[str]:
-    """Return the addresses of the meshes of visuals that are no files, of a text from :func:`meshes_from`."""
-    names = (mesh.get("filename", "") for mesh in parsed(with_mesh_files(urdf)).iterfind("link/visual/geometry/mesh"))
-    return [name for name in names if not Path(name.removeprefix("file://")).is_file()]
 
 
 def write_urdf(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = None) -> Path:
@@ -243,7 +249,7 @@ def urdf_files(urdf: str, folder: Path, beside: Mapping[str, bytes] | None = Non
     files, names = dict[Path, bytes](), dict[Path, str]()
     for mesh in root.iter("mesh"):
         if _of_others(mesh.get("filename", "")):
-            continue  # in a package that only its owner has: the address stays
+            continue  # only its owner has it: the address stays
         source = _mesh_path(mesh.get("filename", ""))
         if source not in names:  # visual and collision meshes often have the same name, in two folders or formats
             others = itertools.chain([source.name], (f"{k}_{source.name}" for k in itertools.count(2)))

@@ -7,20 +7,17 @@ displacement from the nominal part enlarged: translation and rotation are each m
 import dataclasses
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
-from pouring_robot.exceptions import BadInputError, DescriptionError
+from pouring_robot.exceptions import BadInputError
 from pouring_robot.io.units import MM, MRAD
 from pouring_robot.mechanism.arrays import FloatArray
 from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
 from pouring_robot.mechanism.poses import bodies_at
-from pouring_robot.robot.description.urdf import with_mesh_files
 from pouring_robot.robot.location import Location
-from pouring_robot.robot.view.skeleton import skeleton
-from pouring_robot.viewer import GHOST_TINT, Colour, Curve, Scene, SceneArrows, SceneRobot, Step, visual_model
+from pouring_robot.robot.visuals import visuals
+from pouring_robot.viewer import GHOST_TINT, Colour, Curve, Scene, SceneArrows, SceneRobot, Step
 
 # The largest error is drawn with about this length unless the user chooses a factor.
 _DRAWN_ERROR_M = 0.15
@@ -124,13 +121,8 @@ def drawn_robot(
 
     Without visuals, or where a mesh of them is not found, it is drawn as lines between its joints; the label says why.
     """
-    why = "its URDF has no visuals"
-    try:
-        visual = visual_model(mechanism.shared_model, with_mesh_files(mechanism.tree_urdf))
-    except DescriptionError as problem:
-        why, visual = f"{Path(problem.path).name} is missing or broken", pin.GeometryModel()
-    if not visual.ngeoms:
-        visual = skeleton(mechanism.shared_model)
+    visual, why, _ = visuals(mechanism)
+    if why:
         label = f"{label}: lines between its joints, as {why}".removeprefix(": ")
     return SceneRobot(name, visual, bodies, reference, opacity=opacity, tint=tint, label=label)
 

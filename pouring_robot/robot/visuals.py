@@ -1,12 +1,36 @@
-"""A robot drawn by its kinematics alone, for a URDF without visuals or without its meshes."""
+"""What is drawn of a robot: the visuals of its URDF; without these, or their meshes, lines between its joints."""
 
 import coal
 import numpy as np
 import pinocchio as pin
 
+from pouring_robot.exceptions import DescriptionError
+from pouring_robot.mechanism.closed_chain import ClosedChainMechanism
+from pouring_robot.robot.description.untrusted import FOLDERS_VARIABLE
+from pouring_robot.robot.description.urdf import with_mesh_files
+from pouring_robot.viewer import visual_model
+
 _THICKNESS = 0.03  # of a line, over the longest one
 _SAME_PLACE = 1e-6  # m
 _COLOUR = np.array([0.55, 0.6, 0.65, 1.0])
+
+
+def visuals(mechanism: ClosedChainMechanism) -> tuple[pin.GeometryModel, str, str]:
+    """Return what is drawn of a mechanism, why these are lines between its joints, and how to mend that.
+
+    The latter two are "" where its visuals are drawn.
+    """
+    why, mend = "its URDF has no visuals", "give its links a 'visual'"
+    try:
+        visual = visual_model(mechanism.shared_model, with_mesh_files(mechanism.tree_urdf))
+    except DescriptionError as problem:
+        why, mend = f"{problem.path.name} is missing or broken", problem.problem
+        if "package:" in problem.path.parts:
+            mend = f"name the folder that holds its package in {FOLDERS_VARIABLE}"
+    else:
+        if visual.ngeoms:
+            return visual, "", ""
+    return skeleton(mechanism.shared_model), why, mend
 
 
 def skeleton(model: pin.Model) -> pin.GeometryModel:
