@@ -122,8 +122,8 @@ class FlagCode(enum.StrEnum):
     MIRRORED_AXES = _error("mirrored_axes", "check order and signs of x, y and z in the tracker's export")
     DRIVE_REVERSED = _error(
         "drive_reversed",
-        "reverse the sign of the column; if the controller counts this way, give the drive a negative ratio "
-        "in the robot file",
+        "reverse the sign of the column; if the controller counts this way, reverse that of the drive's ratio "
+        "(1 unless stated) or mm_per_turn in the robot file",
     )
     DRIVE_ZERO = _error(
         "drive_zero", "if the controller counts from there, set the zero of this drive in the robot file"

@@ -175,10 +175,10 @@ class FrameChecks:
             for factor, mistake in DRIVE_MISTAKES[kind]:
                 moved = np.ptp(known) * factor if kind == "angle" and known.size >= FEWEST_FOR_FRAMES else 0.0
                 if not 0.0 < moved < _LEAST_USED * (high - low) and _mostly_within(known * factor + zero, low, high):
-                    median = float(np.median(np.abs(known)))
+                    median, unit = float(np.median(np.abs(known / drive.factor))), drive.command_unit
                     message = f"column '{self.campaign.heading(drive.column)}' seems to hold {mistake}: its values"
-                    message += f" would be {median:g} {drive.unit} (median)"
-                    metrics = {f"median_{drive.unit}": median, "factor": factor}
+                    message += f" would be {median:g} {unit} (median)"
+                    metrics = {f"median_{unit}": median, "factor": factor}
                     self._found(FlagCode.DRIVE_UNIT, message, [drive.column], metrics)
                     drives[:, index] = (values - zero) * factor + zero
                     wrong.add(kind)

@@ -220,16 +220,16 @@ def _sessions(campaign: Campaign, rows: Indices) -> Iterator[FloatArray]:
 
 
 def _rounded(campaign: Campaign, scatters: Sequence[Scatter]) -> Iterator[DataFlag]:
-    """Yield drives that are given in steps, if the scatter is that of errors of half a step."""
-    names = columns.drive_names(campaign.robot)
+    """Yield drives that are commanded in steps, if the scatter is that of errors of half a step."""
+    names, factors = columns.drive_names(campaign.robot), np.array([drive.factor for drive in campaign.robot.drives])
     given = zip(campaign.drives[campaign.usable].T, campaign.robot.drives, strict=True)
-    steps = [_step(values, drive.unit) for values, drive in given]
+    steps = [_step(drive.commanded(values), drive.command_unit) for values, drive in given]
     for step, said in dict.fromkeys(one for one in steps if one[0] > 0.0):
         drives = np.array([k for k, one in enumerate(steps) if one == (step, said)])
-        variances = [step**2 / 12.0 * float(one.by_drives[drives].sum()) for one in scatters]
+        variances = [step**2 / 12.0 * float(factors[drives] ** 2 @ one.by_drives[drives]) for one in scatters]
         c = int(np.argmax(variances))
         if variances[c] > LEAST_FACTOR**2 and scatters[c].factor ** 2 > 1.0 + 0.5 * variances[c]:
-            unit, si = shown_in(campaign.robot.drives[drives[0]].unit)
+            unit, si = shown_in(campaign.robot.drives[drives[0]].command_unit)
             headings = ", ".join(f"'{campaign.heading(names[k])}'" for k in drives)
             share = math.sqrt(variances[c])
             message = (

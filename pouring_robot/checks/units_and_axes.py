@@ -46,6 +46,7 @@ _UNITS_APART = 1e-3  # ratio of spreads, smaller than two units of length explai
 _REACHED = 0.8  # share of the rows that must have a pose with corrected drives
 _GLANCE = 20  # rows; if that share of all has a pose, fewer than half of these do once in 2,000 times (binomial)
 _QUARTER_TURNS = (90, -90, 180, -180)  # degrees between usual zeros of a turning joint; limits distinguish half turns
+_KEYS = {"length": "ratio", "angle": "mm_per_turn"}  # of a slide, by what commands it
 _PARALLEL = 1.0 - 1e-6  # cosine between axes that are parallel in the drawing, up to its rounding
 _MOST_ORDERED = 3  # up to so many drives of a kind all orders are tried; of more, exchanges of any two
 
@@ -356,9 +357,10 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
     for k, drive in enumerate(drives):
         ends = sum(limits.get(drive.joint, (math.nan,)))
         if drive.unit == "m" and abs(ends) > 0.0:
+            sign, key = "negative" if drive.factor > 0.0 else "positive", _KEYS[drive.command]
             message = (
                 f"column {headings[k]} seems to be counted from the other end of the slide "
-                f"(a negative ratio, zero: {ends - drive.zero:.6g})"
+                f"(a {sign} {key}, zero: {ends - drive.zero:.6g})"
             )
             yield mistake(FlagCode.DRIVE_REVERSED, message, flipped[k], (ends - 2.0 * drive.zero) * (places == k))
     # Turning drives may have another zero: those of controllers, and of tables of links, differ by quarter turns.

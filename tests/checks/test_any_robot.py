@@ -421,6 +421,16 @@ def test_a_slide_that_counts_from_its_other_end_is_reported_as_that(gantry, turn
     assert flag.message.index("left-handed") > flag.message.rindex("slide (")
 
 
+def test_a_slide_whose_motor_already_counts_backwards_is_told_to_count_forwards(tmp_path):
+    path = gantry_file(tmp_path)  # its middle slide has 1.5 m of stroke
+    path.write_text(path.read_text().replace("joint: y_slide", "joint: y_slide, mm_per_turn: -20"))
+    gantry = Machine(path)
+    counted = damaged(gantry.campaign, drives=lambda v: v * [1.0, -1.0, 1.0] + [0.0, 1.5, 0.0])
+    flag, *_ = check_campaign(counted, gantry.drawing)
+    assert "counted from the other end of the slide (a positive mm_per_turn, zero: 1.5)" in flag.message
+    assert "negative" not in flag.remedy
+
+
 def test_of_equivalent_mistakes_none_takes_drives_beyond_their_limits(gantry):
     """For three slides at right angles any exchange or sign is a change of frames; their limits decide."""
     exchanged = damaged(gantry.campaign, drives=gantry.campaign.drives[:, [1, 0, 2]])
@@ -441,6 +451,9 @@ def geared(tmp_path_factory):
     return Machine(folder / "robot.yaml")
 
 
+GEARS = np.array([0.0, 0.9, -0.7, 0.0, 1.2, 0.0]), np.array([1.0, 1.0, -0.5, 1.0, 0.5, 1.0])
+
+
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
@@ -451,11 +464,36 @@ def geared(tmp_path_factory):
     ],
 )
 def test_mistakes_are_of_commands_which_have_a_zero_and_a_ratio(geared, spoil, said):
-    zeros, ratios = np.array([0.0, 0.9, -0.7, 0.0, 1.2, 0.0]), np.array([1.0, 1.0, -0.5, 1.0, 0.5, 1.0])
+    zeros, ratios = GEARS
     values = zeros + ratios * spoil((geared.campaign.drives - zeros) / ratios)
     assert not check_campaign(geared.campaign, geared.drawing)
     flags = check_campaign(damaged(geared.campaign, drives=values), geared.drawing)
     assert said in flags[0].message and len(flags) == 1
+
+
+def test_commands_that_were_rounded_are_found_and_their_effect_counts_the_gear(geared):
+    zeros, ratios = GEARS
+    rounded = np.round((geared.campaign.drives - zeros) / ratios / (0.1 * DEG)) * 0.1 * DEG
+    (flag,) = check_campaign(damaged(geared.campaign, drives=zeros + ratios * rounded), geared.drawing)
+    assert flag.code is FlagCode.ROUNDED_DRIVES
+    assert flag.columns == tuple(f"q{k}_rad" for k in range(1, 7)) and "rounded to 0.1 deg" in flag.message
+    # A tenth of a degree of a motor whose joint moves half as far is a twentieth of one without a gear.
+    plain = Machine(EXAMPLES / "robots" / "arm" / "robot.yaml")
+    effects = []
+    for machine, zero, ratio, step in ((geared, -0.7, -0.5, 0.1), (plain, 0.0, 1.0, 0.05)):
+        values = np.array(machine.campaign.drives)
+        values[:, 2] = zero + ratio * np.round((values[:, 2] - zero) / ratio / (step * DEG)) * step * DEG
+        (flag,) = check_campaign(damaged(machine.campaign, drives=values), machine.drawing)
+        assert flag.message.startswith(f"'q3_rad' rounded to {step} deg: ")
+        effects.append(flag.message.split(" times the stated noise")[0].split()[-1])
+    assert effects[0] == effects[1]
+
+
+def test_values_in_another_unit_are_told_in_the_unit_of_their_column(geared):
+    zeros, ratios = GEARS
+    wrong = (geared.campaign.drives - zeros) / ratios / np.where(np.arange(6) == 2, DEG, 1.0)
+    flag, *_ = check_campaign(damaged(geared.campaign, drives=zeros + ratios * wrong), geared.drawing)
+    assert f"would be {np.median(np.abs(wrong[:, 2])):g} rad (median)" in flag.message
 
 
 def test_two_exchanged_drives_of_many(machine):

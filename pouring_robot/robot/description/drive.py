@@ -56,6 +56,11 @@ class Drive:
         return f"approach_{self.column}"
 
     @property
+    def command_unit(self) -> Literal["m", "rad"]:
+        """Unit of its command, ``m`` or ``rad``."""
+        return "m" if self.command == "length" else "rad"
+
+    @property
     def load(self) -> Literal["force", "moment"]:
         """Kind of load it carries."""
         return "force" if self.unit == "m" else "moment"
