@@ -91,12 +91,12 @@ def robots(*, which: bundles.RobotOptions, as_json: options.AsJson = False) -> N
     if as_json:
         return options.print_json(figures)
     for found, one in zip(figures, chosen, strict=True):
-        geared = {d.joint: d.command for d in one.model.definition.drives if d.factor != 1.0}
+        geared = {d.joint: d.command for d in one.model.definition.drives if (d.factor, d.zero) != (1.0, 0.0)}
         _print(found, geared)
 
 
 def _print(robot: dict[str, Any], geared: Mapping[str, Literal["length", "angle"]]) -> None:
-    """Print the properties of a robot; for drives with a gear also the command."""
+    """Print the properties of a robot; for drives whose command is not their joint's value, also the command."""
     from pouring_robot.cli.shared.locations import unseen_note
 
     joints = f"{robot['joints']} {'chain ' if robot['loops'] else ''}joints"
@@ -128,7 +128,8 @@ def _print(robot: dict[str, Any], geared: Mapping[str, Literal["length", "angle"
         column = robot["campaign_columns"][name]
         called = "" if column == name else f"; {column} in campaigns"
         if command := geared.get(name):
-            called = f"; {column}_{'mm' if command == 'length' else 'deg'} in campaigns, the {command} of its motor"
+            unit, said = ("mm", "its command") if command == "length" else ("deg", "the angle of its motor")
+            called = f"; {column}_{unit} in campaigns, {said}"
         idle = "; moves nothing between base and end body" if name in robot["idle_drives"] else ""
         options.print_indented(f"drive {name}: {' … '.join(edges)} {drive['unit']}{called}{idle}")
     if workspace := robot.get("workspace"):

@@ -195,6 +195,11 @@ def test_of_a_drive_with_a_gear_the_column_holds_the_motor(run, tmp_path, urdf):
     _, out, _ = run("robots", "--robot", robot)
     assert "drive shoulder: any … any deg; turn_deg in campaigns, the angle of its motor" in out
     assert "drive reach: 0 … 1000 mm; reach_deg in campaigns, the angle of its motor" in out
+    from_elsewhere = FILE.replace("arm.urdf", urdf.name).replace("mm_per_turn: 10.0", "zero: 0.2")
+    robot.write_text(from_elsewhere, encoding="utf-8")
+    _, shifted, _ = run("robots", "--robot", robot)
+    assert "drive reach: 0 … 1000 mm; reach_mm in campaigns, its command" in shifted
+    robot.write_text(FILE.replace("arm.urdf", urdf.name), encoding="utf-8")
     (tmp_path / "series.csv").write_text("turn_deg,reach_mm,x_mm,y_mm,z_mm\n1,2,3,4,5\n", encoding="utf-8")
     code, _, err = run("campaign", "check", "series.csv", "--robot", robot)
     assert code == 2
