@@ -300,7 +300,8 @@ class _Work:
         given_rows, amended_rows = before.every_row.alone, after.every_row.alone
         gaps = [Gap.between(given_rows, amended_rows, part, sigma) for part in (fitted, ~fitted) if part.any()]
         whole, final, best = diagnoser, after, hypothesis
-        confirmed = judgement.names and not doubt and not any(gap.worse for gap in gaps)
+        tests = [*gaps, in_turn.gap] if in_turn else gaps
+        confirmed = judgement.names and not doubt and not any(gap.worse for gap in tests)
         if confirmed and not fitted.all():
             whole, final, best = diagnoser.fitted_to_all(after, hypothesis)
         covariances = whole.covariances(best, final, unexplained=unknown)
