@@ -73,8 +73,8 @@ class WhitenedRows:
     sigma: FloatArray  # noise of each equation's component, (m,), in m or rad
 
     def of(self, rows: BoolArray) -> Self:
-        """Return the equations of some rows, by a mask (n,)."""
-        return self.some(rows[self.row])
+        """Return the equations of some rows, by a mask (n,); of all rows itself, as derivatives take much memory."""
+        return self if rows.all() else self.some(rows[self.row])
 
     def some(self, equations: slice | BoolArray) -> Self:
         """Return some of the equations."""
