@@ -332,7 +332,6 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
     drives = campaign.robot.drives
     headings = [f"'{campaign.heading(drive.column)}'" for drive in drives]
     places, same = np.arange(len(drives)), np.eye(len(drives))
-    zeros, factors = (np.array([getattr(drive, name) for drive in drives]) for name in ("zero", "factor"))
     flipped = [np.diag(np.where(places == k, -1.0, 1.0)) for k in places]
 
     def mistake(code: FlagCode, message: str, change: FloatArray, shift: float | FloatArray = 0.0) -> Mistake:
@@ -341,7 +340,9 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
         names = [drives[k].column for k in moved]
 
         def corrected(given: FloatArray) -> FloatArray:
-            return np.asarray(((given - zeros) / factors) @ change * factors + zeros + shift)
+            commands = campaign.robot.commanded(given)
+            right = np.column_stack([*commands.values()]) @ change
+            return campaign.robot.drive_values(dict(zip(commands, right.T, strict=True))) + shift
 
         return Mistake(code, message, names, lambda data: data.with_drives(drawing, corrected))
 
@@ -375,7 +376,7 @@ def _drive_mistakes(campaign: Campaign, drawing: Drawing) -> Iterator[Mistake]:
     # Rods, or the controller (Fanuc's third joint), keep the direction of a forearm whatever the upper arm does.
     for before, k, along in _parallel(drives, drawing):
         change = same.copy()
-        each = along * factors[before] / factors[k]  # by which a command of the one before counts
+        each = along * drives[before].factor / drives[k].factor  # by which a command of the one before counts
         change[before, k] = -each
         named = f"'{drives[before].column}'" + ("" if abs(each) == 1.0 else f" times {abs(each):g}")
         message = (

@@ -22,7 +22,7 @@ from pouring_robot.mechanism.joint_types import BOUNDED, UNITS
 from pouring_robot.robot.description.untrusted import package, readable
 
 MESH_PACKAGE = "package://pouring_robot_description/meshes"
-_FOREIGN = "file://"
+_FILE = "file://"
 _ROUND_OFF = 1e-15
 _FARTHEST = 30.0
 """How far a centre of mass may be, over the length of all joints plus a metre: one in mm is a thousand times off."""
@@ -202,8 +202,8 @@ def with_mesh_files(urdf: str) -> str:
 
 def _of_others(address: str) -> bool:
     """Return whether a mesh is in another package than ours, or on another machine."""
-    if address.startswith(_FOREIGN):
-        return not _exists(address.removeprefix(_FOREIGN))
+    if address.startswith(_FILE):
+        return not _exists(address.removeprefix(_FILE))
     return address.startswith("package://") and not address.startswith(MESH_PACKAGE)
 
 
@@ -225,7 +225,7 @@ def meshes_from(urdf: str, folder: Path) -> str:
         kind, _, address = mesh.get("filename", "").rpartition("://")
         if kind in ("", "file"):
             foreign = Path(address).is_absolute() and not _exists(address)  # on another machine
-            mesh.set("filename", f"{_FOREIGN}{address}" if foreign else str(readable(address, folder)))
+            mesh.set("filename", f"{_FILE}{address}" if foreign else str(readable(address, folder)))
         elif _of_others(mesh.get("filename")):
             with contextlib.suppress(DescriptionError):  # computations do not need meshes
                 name, _, rest = address.partition("/")
@@ -314,7 +314,7 @@ def _mesh_path(address: str) -> Path:
         meshes = description_folder() / "meshes"
         path = readable(address.removeprefix(MESH_PACKAGE).lstrip("/"), meshes)
     else:
-        path = Path(address.removeprefix("file://"))
+        path = Path(address.removeprefix(_FILE))
     if not path.is_file():
         raise DescriptionError(path, "this mesh is missing; put it there, or remove it from the URDF")
     return path
